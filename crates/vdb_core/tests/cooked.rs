@@ -67,6 +67,7 @@ fn assert_same(a: &PackedGrid, b: &PackedGrid, what: &str) {
     assert_eq!((a.kind, a.base, a.occupied), (b.kind, b.base, b.occupied), "{what}");
     assert_eq!(a.header(7), b.header(7), "{what}");
     assert_eq!(a.majorant.to_bits(), b.majorant.to_bits(), "{what}");
+    assert_eq!(a.detail, b.detail, "{what}");
     assert!(a.words == b.words, "{what}: the words differ");
 }
 

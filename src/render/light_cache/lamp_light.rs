@@ -12,7 +12,7 @@ use super::lattices::{LatticeKey, LightCache, Source};
 use super::lights::CachedLights;
 use super::packing::Packing;
 use crate::quality::features::Features;
-use crate::render::view::{CacheLayout, CachedFog, PreparedView, cell_edge};
+use crate::render::view::{CacheLayout, CachedFog, PreparedView};
 
 /// The struct of `trace/lamp_light.wgsl`.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
@@ -125,7 +125,7 @@ impl LampLight {
 
 /// The distance between the samples of a fog, in world units.
 fn spacing(prepared: &PreparedView, i: usize, fog: &CachedFog) -> f64 {
-    fog.layout.spacing() * cell_edge(&prepared.entries[i].lattice)
+    fog.layout.spacing() * prepared.entries[i].lattice.cell_edge()
 }
 
 /// The distance from a point light at which its light begins to be interpolated in an isotropic fog, in

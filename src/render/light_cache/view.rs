@@ -17,7 +17,7 @@ use super::packing::Packing;
 use super::pipeline::{FillPipelines, Job, Place};
 use crate::quality::features::Features;
 use crate::render::gpu::types;
-use crate::render::view::{CacheLayout, CachedFog, Entry, PreparedView, cell_edge};
+use crate::render::view::{CacheLayout, CachedFog, Entry, PreparedView};
 
 /// The lattices that a view uses, and those that are filled for it in this frame.
 #[derive(Component, Default)]
@@ -242,7 +242,7 @@ impl LightCacheView {
                     let lamp = &lights.lamps[slot];
                     let DVec3 { x, y, z } = lamp.position;
                     plan(0, &[x, y, z, lamp.range], &|job| {
-                        let edge = cell_edge(&entry.lattice);
+                        let edge = entry.lattice.cell_edge();
                         Way::Samples(lamp_job(job, lamp, prepared.eye, key.layout, edge))
                     });
                 }

@@ -23,6 +23,8 @@ const MIN_COARSE_LOG: i32 = 0;
 /// The shortest and the longest step of a ray, in voxels.
 const MIN_STEP: f64 = 0.25;
 const MAX_STEP: f64 = 16.0;
+/// The ratio to which the step is found.
+const STEP_PRECISION: f64 = 1.01;
 /// A ramp alone, however steep, makes no step shorter than this.
 const MIN_RAMP_STEP: f32 = 1.0;
 
@@ -92,7 +94,7 @@ impl CachedFog {
         lattice: &Lattice,
     ) -> Option<Self> {
         let occupied = lattice.occupied?;
-        let detail = Detail::new(error, extinction, cell_edge(lattice), occupied);
+        let detail = Detail::new(error, extinction, lattice.cell_edge(), occupied);
         let wanted = detail.spacing_log();
         let coarse = wanted.unwrap_or(MIN_COARSE_LOG).max(MIN_COARSE_LOG)..=MAX_LOG;
         let layout =
@@ -115,81 +117,95 @@ fn with_ramp(step: f32, steepness: f32) -> f32 {
 
 /// From this many spacings per step of rays to lights, the cache is more accurate than these.
 const RAY_STEP: f64 = 2.0;
-/// Errors of spacings and of steps, for an optical depth of 1 per cell and a spacing or step of 1 cell in a fog one
-/// cell across: a little more than the largest that were measured in clouds.
+/// Errors of spacings, of steps where light fades, and of steps by the second differences that they miss: about the
+/// largest that were measured in clouds of fractal noise, the first two for an optical depth of 1 per cell and a
+/// spacing or step of 1 cell in a fog one cell across. `docs/internals/notebook.md` has the measurements.
 const SPACING_ERROR: f64 = 2.0;
 const STEP_ERROR: f64 = 1.0;
+/// The same relative to the second differences that they miss, in fogs of any roughness.
+const SPACING_DETAIL_ERROR: f64 = 0.08;
+const STEP_DETAIL_ERROR: f64 = 1.25;
 /// The part of the accepted error that the spacing may take.
 const SPACING_PART: f64 = 0.8;
-/// Steps of a ray along the longest edge of a fog, however thin, for a relative error of 1 %.
+/// Steps of a ray along the longest edge of a fog, however thin and smooth, for a relative error of 1 %.
 const STEPS: f64 = 65.0;
 
 /// What the samples of a fog have to resolve.
 #[derive(Clone, Copy, Debug)]
 struct Detail {
     /// The relative error of the radiance (root mean square) that is accepted.
-    error: f32,
-    /// Optical depth through the densest cell for view rays: see [`Extinction::all`].
-    depth_per_cell: f64,
-    /// The same for rays to lights: see [`Extinction::casters`].
-    shadow_per_cell: f64,
-    /// The longest edge of the occupied cells.
+    error: f64,
+    extinction: Extinction,
+    /// The longest edge of a cell, in world units.
+    cell: f64,
+    /// The longest edge of the occupied cells, in cells.
     edge: f64,
 }
 
 impl Detail {
-    fn new(error: f32, extinction: Extinction, cell_edge: f64, occupied: CoordBox) -> Self {
+    fn new(error: f32, extinction: Extinction, cell: f64, occupied: CoordBox) -> Self {
         let CoordBox { min, max } = occupied;
-        Self {
-            error,
-            depth_per_cell: extinction.all * cell_edge,
-            shadow_per_cell: extinction.casters * cell_edge,
-            edge: (max.as_dvec3() - min.as_dvec3()).max_element() + 1.0,
-        }
+        let edge = (max.as_dvec3() - min.as_dvec3()).max_element() + 1.0;
+        Self { error: error.into(), extinction, cell, edge }
     }
 
-    /// The error of linear interpolation between samples `2^log` cells apart.
+    /// The error of linear interpolation between samples of optical depth `2^log` cells apart.
     ///
     /// It is of second order. For clouds of fractal noise, whose details are a fixed part of the whole, it is
     /// [`SPACING_ERROR`] times the optical depth per cell and the square of the spacing, divided by the cells across.
-    /// `docs/internals/notebook.md` has the measurements.
+    /// Rougher fogs have second differences of density that exceed this law.
     fn spacing_error(&self, log: i32) -> f64 {
-        SPACING_ERROR * self.shadow_per_cell * f64::from(2 * log).exp2() / self.edge
+        let spacing = f64::from(log).exp2();
+        let Extinction { shadow_largest, shadow_differences, .. } = self.extinction;
+        let of_clouds = SPACING_ERROR * self.cell * shadow_largest * spacing * spacing / self.edge;
+        // Within a cell, density itself is linear.
+        let cells = spacing.max(1.0);
+        let missed = self.cell * cells * shadow_differences.at(cells) * (spacing / cells).powi(2);
+        of_clouds.max(SPACING_DETAIL_ERROR * missed)
     }
 
-    /// log₂ of the largest spacing of samples, in cells, that keeps the error; `None` if even the smallest
+    /// log₂ of the largest spacing of samples, in cells, that keeps its part of the error; `None` if even the smallest
     /// spacing does not.
     fn spacing_log(&self) -> Option<i32> {
-        let permitted = SPACING_PART * f64::from(self.error);
+        let permitted = SPACING_PART * self.error;
         (MIN_LOG..=MAX_LOG).rev().find(|log| self.spacing_error(*log) <= permitted)
     }
 
-    /// Cells between samples of density along a ray that keep the error, given the spacing of the samples of light.
+    /// The error of sampling density once per step of so many cells, in its middle.
     ///
-    /// The error of both is the root of the sum of their squares. That of steps follows the same law as that of
-    /// spacings, with [`STEP_ERROR`]. In thin fog, this law would permit steps that miss details. The size of details is
-    /// a fixed part of the whole, so the step is at most a fixed part of the longest edge.
+    /// Where light fades, it follows the same law as that of spacings. Along a whole ray, the error is that of the
+    /// optical depth: the mean of a step differs from its middle by a quarter of the second difference over half its
+    /// length, and the differences of steps are taken to be independent, so that they add up by their squares. In smooth
+    /// fog, neither would prevent steps that are a large part of the fog.
+    fn step_error(&self, step: f64) -> f64 {
+        let Extinction { mean, largest, differences, .. } = self.extinction;
+        let fading = STEP_ERROR * self.cell * largest * step * step / self.edge;
+        let by_size = 0.01 * (STEPS * step / self.edge).powi(2);
+        let missed = differences.at(step / 2.0) / (4.0 * mean) * (step / self.edge).sqrt();
+        // There is nothing to be missed, and no mean, without density.
+        let missed = if mean > 0.0 { STEP_DETAIL_ERROR * missed } else { 0.0 };
+        fading.max(by_size).max(missed)
+    }
+
+    /// Cells between samples of density along a ray that keep the error, given the spacing of the samples of light.
+    /// The error of both is the root of the sum of their squares.
     fn step(&self, log: i32) -> f32 {
-        let error = f64::from(self.error);
         // If no spacing keeps its part, steps are as short as if one just did. So they are with spacings below a cell:
         // fog that needs them is so dense that light fades within a step. With all that such a spacing leaves, single
         // scattering in a cloud of 0.4 per cell was off by 1.06 % where 1 % was asked for.
-        let limit = SPACING_PART * error;
+        let limit = SPACING_PART * self.error;
         let spacing_error = if log < 0 { limit } else { self.spacing_error(log).min(limit) };
-        let left = (error * error - spacing_error * spacing_error).sqrt();
-        let by_depth = (left * self.edge / (STEP_ERROR * self.depth_per_cell)).sqrt();
-        let by_size = self.edge / STEPS * (error / 0.01).sqrt();
-        by_depth.min(by_size).clamp(MIN_STEP, MAX_STEP) as f32
+        let left = (self.error * self.error - spacing_error * spacing_error).sqrt();
+        let (mut keeps, mut exceeds) = (MIN_STEP, MAX_STEP);
+        if self.step_error(exceeds) <= left {
+            return MAX_STEP as f32;
+        }
+        while exceeds / keeps > STEP_PRECISION {
+            let middle = (keeps * exceeds).sqrt();
+            if self.step_error(middle) <= left { keeps = middle } else { exceeds = middle }
+        }
+        keeps as f32
     }
-}
-
-/// The longest edge of a cell, in world units.
-pub(crate) fn cell_edge(lattice: &Lattice) -> f64 {
-    let axes = lattice.world_from_local.matrix3;
-    [axes.x_axis, axes.y_axis, axes.z_axis]
-        .map(|axis| axis.length())
-        .into_iter()
-        .fold(0.0, f64::max)
 }
 
 /// For each entry of a view's list, its samples in the light cache for a relative error, if it is a
@@ -219,35 +235,54 @@ mod tests {
     use super::super::extinction::tests::fog;
     use super::*;
 
+    /// log₂ of the spacing, and the step, for a fog with so many cells across.
+    fn of(
+        error: f64,
+        (volume, lattice): (types::Volume, Lattice),
+        edge: f64,
+    ) -> (Option<i32>, f32) {
+        let extinction = FogBox::new(0, &volume, &lattice).unwrap().total;
+        let detail = Detail { error, extinction, cell: 1.0, edge };
+        let log = detail.spacing_log();
+        (log, detail.step(log.unwrap_or(0)))
+    }
+
     #[test]
     fn spacing_follows_the_error() {
-        let of = |error, depth_per_cell, edge| {
-            let shadow_per_cell = depth_per_cell;
-            let detail = Detail { error, depth_per_cell, shadow_per_cell, edge };
-            let log = detail.spacing_log();
-            (log, detail.step(log.unwrap_or(0)))
+        let of = |error, density, edge| of(error, fog(IVec3::ZERO, IVec3::splat(8), density), edge);
+        let expect = |(error, density, edge), log, step: f32| {
+            let found = of(error, density, edge);
+            assert!(
+                found.0 == log && (0.98 * step..=step).contains(&found.1),
+                "{density}: {found:?}"
+            );
         };
-        let (log, step) = of(0.01, 0.03, 512.0);
-        assert!(log == Some(3) && (7.8..7.9).contains(&step), "{log:?} {step}");
-        let (log, step) = of(0.01, 0.12, 512.0);
-        assert!(log == Some(2) && (5.3..5.4).contains(&step), "{log:?} {step}");
-        let (log, step) = of(0.01, 0.1, 512.0);
-        assert!(log == Some(2) && (6.3..6.4).contains(&step), "the spacing leaves more: {step}");
-        let (log, step) = of(0.01, 0.5, 64.0);
-        assert!(
-            log == Some(-1) && (0.87..0.88).contains(&step),
-            "less than a cell: {log:?} {step}"
-        );
-        let (log, step) = of(0.01, 5.0, 64.0);
-        assert!(log.is_none() && (0.27..0.28).contains(&step), "{log:?} {step}");
-        assert_eq!(of(0.01, 0.03, 65.0), (Some(1), 1.0), "small grids have small details");
-        assert_eq!(of(0.01, 0.26, 64.0).0, Some(-1));
-        assert_eq!(of(0.01, 1.1, 64.0).0, Some(-2));
-        assert_eq!(of(0.01, 4.2, 64.0).0, None, "light fades within a quarter of a cell");
+        expect((0.01, 0.03, 512.0), Some(3), 6.43);
+        expect((0.01, 0.12, 512.0), Some(2), 5.4);
+        // The spacing leaves more.
+        expect((0.01, 0.1, 512.0), Some(2), 6.35);
+        // Less than a cell.
+        expect((0.01, 0.5, 64.0), Some(-1), 0.77);
+        expect((0.01, 5.0, 64.0), None, 0.28);
+        // Small grids have small details.
+        expect((0.01, 0.03, 65.0), Some(1), 0.97);
+        // Light fades within a quarter of a cell.
+        expect((0.01, 4.2, 64.0), None, 0.304);
         assert_eq!(of(1.0, 0.0, 1e6), (Some(MAX_LOG), MAX_STEP as f32));
-        for bad in [f64::NAN, f64::INFINITY] {
-            assert_eq!(of(0.01, bad, 64.0).0, None);
-        }
+        assert_eq!(of(0.01, f32::INFINITY, 64.0), (None, MIN_STEP as f32));
+    }
+
+    #[test]
+    fn rough_fogs_have_finer_samples() {
+        let of = |roughness: f32| {
+            let (volume, mut lattice) = fog(IVec3::ZERO, IVec3::splat(8), 0.2);
+            lattice.detail.differences = [0.02, 0.05, 0.1].map(|difference| difference * roughness);
+            of(0.01, (volume, lattice), 256.0)
+        };
+        assert_eq!(of(0.0), of(1.0), "the law of clouds");
+        let (spacing, step) = of(10.0);
+        assert!(spacing == Some(0) && (1.0..2.0).contains(&step), "{spacing:?} {step}");
+        assert!(of(20.0).1 < step && of(5.0).1 > step);
     }
 
     #[test]

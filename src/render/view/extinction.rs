@@ -1,25 +1,48 @@
-//! The extinctions that rays meet in fogs, which decide how fine their samples in the light cache are.
+//! The extinctions that rays meet in fogs and their detail, which decide how fine the samples in the light cache are.
 
 use bevy::math::DVec3;
 
 use super::lattice::Lattice;
 use crate::render::gpu::types;
 
-/// The largest extinctions per world unit that rays meet in a fog.
+/// Second differences of a fog's extinction at distances of 1, 2 and 4 of its cells: see
+/// [`FogDetail`](vdb_core::pack::FogDetail). Per world unit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Extinction {
-    /// For view rays: the root of the sum of squares over all fogs. Errors of steps come from details that a step
-    /// misses, and details of different fogs are taken to be independent.
-    pub all: f64,
-    /// For rays to lights: the sum over fogs that cast shadows, because optical depths add up.
-    pub casters: f64,
+pub(super) struct Differences(pub [f64; 3]);
+
+impl Differences {
+    /// The second difference at a distance, in cells.
+    ///
+    /// Density is linear within a cell, with a kink where cells meet. The share of second differences over less than a
+    /// cell that see a kink falls with their distance, as does what they see of it.
+    pub fn at(self, distance: f64) -> f64 {
+        let Self([one, two, four]) = self;
+        let between = |low: f64, high: f64, part: f64| low.powf(1.0 - part) * high.powf(part);
+        match distance {
+            d if d < 1.0 => one * d * d.sqrt(),
+            d if d < 2.0 => between(one, two, d.log2()),
+            d if d < 4.0 => between(two, four, d.log2() - 1.0),
+            // As it grew up to there; at most as in a smooth fog, and at least not at all.
+            d if four > 0.0 => four * (four / two).clamp(1.0, 4.0).powf(d.log2() - 2.0),
+            _ => 0.0,
+        }
+    }
 }
 
-impl Extinction {
-    fn add(&mut self, other: Self, weight: f64) {
-        self.all = self.all.hypot(other.all * weight);
-        self.casters += other.casters * weight;
-    }
+/// The extinctions that rays meet in a fog, per world unit, for view rays and for rays to lights.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Extinction {
+    /// The mean over voxels that are not empty.
+    pub mean: f64,
+    /// The largest, for view rays: the root of the sum of squares over all fogs. Errors of steps come from details that
+    /// a step misses, and details of different fogs are taken to be independent.
+    pub largest: f64,
+    /// The same of second differences.
+    pub differences: Differences,
+    /// The largest, for rays to lights: the sum over fogs that cast shadows, because optical depths add up.
+    pub shadow_largest: f64,
+    /// The same of second differences.
+    pub shadow_differences: Differences,
 }
 
 /// Bounds and extinction of a fog, in world space.
@@ -27,6 +50,7 @@ pub(super) struct FogBox {
     pub entry: usize,
     min: DVec3,
     max: DVec3,
+    cell: f64,
     /// Of the fog itself.
     own: Extinction,
     /// Of this fog and of all whose boxes overlap its box.
@@ -40,22 +64,36 @@ impl FogBox {
             return None;
         }
         let (min, max) = lattice.world_box()?;
-        let all = f64::from(volume.density_scale) * f64::from(lattice.majorant);
-        let casts = volume.flags & types::NO_CASTER == 0;
-        let own = Extinction { all, casters: if casts { all } else { 0.0 } };
-        Some(Self { entry, min, max, own, total: own })
+        let largest = f64::from(volume.density_scale) * f64::from(lattice.majorant);
+        let mean = largest * f64::from(lattice.detail.mean);
+        let differences = Differences(lattice.detail.differences.map(|d| largest * f64::from(d)));
+        let mut own = Extinction { mean, largest, differences, ..Extinction::default() };
+        if volume.flags & types::NO_CASTER == 0 {
+            own = Extinction { shadow_largest: largest, shadow_differences: differences, ..own };
+        }
+        Some(Self { entry, min, max, cell: lattice.cell_edge(), own, total: own })
     }
 
     fn overlaps(&self, other: &Self) -> bool {
         self.min.cmple(other.max).all() && other.min.cmple(self.max).all()
     }
 
-    /// Adds the extinction of a fog that overlaps this one: its root mean square over this box, so
+    /// Adds the extinction of a fog that overlaps this one: its mean and its root mean square over this box, so
     /// that a small fog hardly affects the samples of a large one.
     fn add(&mut self, other: &Self) {
         let overlap = self.max.min(other.max) - self.min.max(other.min);
         let fraction = (overlap / (self.max - self.min)).element_product();
-        self.total.add(other.own, fraction.sqrt());
+        let weight = fraction.sqrt();
+        self.total.mean += fraction * other.own.mean;
+        self.total.largest = self.total.largest.hypot(weight * other.own.largest);
+        self.total.shadow_largest += weight * other.own.shadow_largest;
+        for (i, cells) in [1.0, 2.0, 4.0].into_iter().enumerate() {
+            let distance = cells * self.cell / other.cell;
+            let own = &mut self.total.differences.0[i];
+            *own = own.hypot(weight * other.own.differences.at(distance));
+            self.total.shadow_differences.0[i] +=
+                weight * other.own.shadow_differences.at(distance);
+        }
     }
 }
 
@@ -104,14 +142,58 @@ pub(super) mod tests {
         (volume, lattice)
     }
 
-    /// The extinctions of all fogs and of casters, in the order of the fogs.
-    fn totals(fogs: &[(types::Volume, Lattice)]) -> Vec<[f64; 2]> {
+    /// The extinctions of fogs with all that overlap them, in the order of the fogs.
+    fn combined(fogs: &[(types::Volume, Lattice)]) -> Vec<Extinction> {
         let fogs = fogs.iter().enumerate();
         let mut boxes: Vec<_> =
             fogs.filter_map(|(i, (volume, lattice))| FogBox::new(i, volume, lattice)).collect();
         add_overlapping(&mut boxes);
         boxes.sort_by_key(|fog| fog.entry);
-        boxes.iter().map(|fog| [fog.total.all, fog.total.casters]).collect()
+        boxes.into_iter().map(|fog| fog.total).collect()
+    }
+
+    /// The extinctions for view rays and for rays to lights. Second differences at a cell's distance are in proportion.
+    fn totals(fogs: &[(types::Volume, Lattice)]) -> Vec<[f64; 2]> {
+        let relative = |differences: Differences| differences.0[0] * 64.0;
+        let both = |fog: Extinction| {
+            let found = [fog.differences, fog.shadow_differences].map(relative);
+            let [all, casters] = [fog.largest - found[0], fog.shadow_largest - found[1]];
+            assert!(all.abs() < 1e-12 && casters.abs() < 1e-12, "{fog:?}");
+            found
+        };
+        combined(fogs).into_iter().map(both).collect()
+    }
+
+    #[test]
+    fn differences_go_on_below_and_beyond_what_is_measured() {
+        let of = Differences([0.01, 0.04, 0.08]);
+        let near = |distance, expected: f64| {
+            let found = of.at(distance);
+            assert!((found / expected - 1.0).abs() < 1e-9, "{distance}: {found}");
+        };
+        near(0.25, 0.01 / 8.0);
+        near(1.0, 0.01);
+        near(f64::sqrt(2.0), 0.02);
+        near(2.0, 0.04);
+        near(4.0, 0.08);
+        near(16.0, 0.32);
+        assert_eq!(Differences([0.0, 0.0, 1.0]).at(8.0), 4.0, "at most as the square");
+        assert_eq!(Differences([3.0, 2.0, 1.0]).at(8.0), 1.0);
+        assert_eq!([0.5, 1.5, 3.0, 64.0].map(|at| Differences::default().at(at)), [0.0; 4]);
+    }
+
+    #[test]
+    fn fogs_meet_in_the_cells_of_each() {
+        let fine = fog(IVec3::ZERO, IVec3::splat(64), 0.25);
+        let mut coarse = fog(IVec3::ZERO, IVec3::splat(32), 1.0);
+        coarse.1.world_from_local = DAffine3::from_scale(DVec3::splat(2.0));
+        let [first, second] = combined(&[fine, coarse])[..] else { panic!() };
+        // One fine cell is half a coarse one, and one coarse cell is two fine ones.
+        let all = |fog: Extinction| fog.shadow_differences.0.map(|difference| difference * 64.0);
+        assert_eq!(all(first)[1..], [0.75 + 1.0, 1.5 + 3.0]);
+        assert!((all(first)[0] - 0.25 - f64::sqrt(0.125)).abs() < 1e-12);
+        assert_eq!(all(second)[..2], [1.0 + 0.75, 3.0 + 1.5]);
+        assert_eq!([first.mean, second.mean], [0.625; 2]);
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Where the packed grid of an entry is in the world.
 
 use bevy::math::{DAffine3, DVec3};
-use vdb_core::pack::PackedGrid;
+use vdb_core::pack::{FogDetail, PackedGrid};
 use vdb_core::tree::CoordBox;
 
 use crate::render::extract::{ExtractedRamp, MaterialRow};
@@ -15,6 +15,8 @@ pub(crate) struct Lattice {
     pub occupied: Option<CoordBox>,
     /// An upper bound of the density; of a fog with a ramp, of its extinction.
     pub majorant: f32,
+    /// How much the densities of a fog change from voxel to voxel.
+    pub detail: FogDetail,
     /// How steep the ramp of a fog is: see [`Ramp::steepness`](vdb_core::Ramp::steepness). 1 without.
     pub steepness: f32,
     /// Identifies the ramp of a fog.
@@ -36,6 +38,7 @@ impl Lattice {
             world_from_local: world_from_index * DAffine3::from_translation(origin),
             occupied: packed.occupied,
             majorant: packed.majorant,
+            detail: packed.detail,
             steepness: 1.0,
             ramp: None,
             material: None,
@@ -45,13 +48,15 @@ impl Lattice {
         }
     }
 
-    /// Of these local cells, with nothing else to it, for tests.
+    /// Of these local cells, with nothing else to it, for tests. A fog has about the detail of a cloud of noise
+    /// several hundred voxels across.
     #[cfg(test)]
     pub fn of_cells(world_from_local: DAffine3, occupied: CoordBox, majorant: f32) -> Self {
         Self {
             world_from_local,
             occupied: Some(occupied),
             majorant,
+            detail: FogDetail { differences: [1.0, 3.0, 6.0].map(|d| d / 64.0), mean: 0.5 },
             steepness: 1.0,
             ramp: None,
             material: None,
@@ -80,6 +85,12 @@ impl Lattice {
     /// With the planes that cut the volume.
     pub fn with_clip(self, clip: u64) -> Self {
         Self { clip, ..self }
+    }
+
+    /// The longest edge of a cell, in world units.
+    pub fn cell_edge(&self) -> f64 {
+        let axes = self.world_from_local.matrix3;
+        [axes.x_axis, axes.y_axis, axes.z_axis].map(DVec3::length).into_iter().fold(0.0, f64::max)
     }
 
     /// The corners of the occupied cells' box in the world.

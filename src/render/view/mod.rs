@@ -30,7 +30,7 @@ use bevy::core_pipeline::core_3d::{prepare_core_3d_depth_textures, prepare_prepa
 use bevy::prelude::*;
 use bevy::render::{GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSystems};
 
-pub(super) use cached_fog::{CacheLayout, CachedFog, cell_edge};
+pub(super) use cached_fog::{CacheLayout, CachedFog};
 pub(super) use eye::Eye;
 pub(super) use key::ViewKey;
 pub(super) use lattice::Lattice;

@@ -4,6 +4,7 @@ use glam::IVec3;
 use rayon::prelude::*;
 
 use super::content::{Rule, Sources};
+use super::detail::FogDetail;
 use super::error::{PackError, check, check_at_most};
 use super::grid::{GridHeader, PackedGrid};
 use super::kind::PackKind;
@@ -210,7 +211,11 @@ pub(super) fn assemble(
         words.push(0);
     }
     end(&words)?;
-    Ok(PackedGrid { kind, base, occupied, words, header, majorant, spare: None })
+    let detail = FogDetail::EVEN;
+    let mut grid =
+        PackedGrid { kind, base, occupied, words, header, majorant, detail, spare: None };
+    bricks::measure_detail(&mut grid);
+    Ok(grid)
 }
 
 /// Appends the samples of fog.

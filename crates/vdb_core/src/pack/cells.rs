@@ -101,11 +101,27 @@ fn half(bits: u32) -> f32 {
 /// Decodes a value stored in 32 bits, in 16, or in a byte.
 fn sample(grid: &PackedGrid, first: u32, index: u32, steps: (f32, f32)) -> f32 {
     let word = |per_word: u32| grid.words[(first + index / per_word) as usize];
-    match grid.header(0).format {
+    match grid.header.format {
         0 => f32::from_bits(word(1)),
-        1 => half(word(2) >> (16 * (index & 1))) * grid.header(0).scale,
+        1 => half(word(2) >> (16 * (index & 1))) * grid.header.scale,
         _ => steps.0 + (word(4) >> (8 * (index & 3)) & 0xff) as f32 * steps.1,
     }
+}
+
+/// The first word of the samples of a leaf of fog, and the offset and the scale of samples in bytes.
+fn brick_samples(grid: &PackedGrid, leaf: u32) -> (u32, (f32, f32)) {
+    let first = grid.header.samples + leaf * grid.header.brick_words;
+    if grid.header.format != 2 {
+        return (first, (0.0, 0.0));
+    }
+    let step = |i: u32| f32::from_bits(grid.words[(first + i) as usize]);
+    (first + 2, (step(0), step(1)))
+}
+
+/// All densities of a leaf of fog and those next to it on the high sides.
+pub(super) fn brick(grid: &PackedGrid, leaf: u32) -> [f32; BRICK_VALUES] {
+    let (first, steps) = brick_samples(grid, leaf);
+    std::array::from_fn(|i| sample(grid, first, i as u32, steps))
 }
 
 /// The samples at the corners of an occupied cell outside constant tiles, `x·4 + y·2 + z`:
@@ -120,13 +136,7 @@ pub fn corners(grid: &PackedGrid, span: Span, cell: IVec3) -> [f32; 8] {
         });
     }
     if grid.kind == PackKind::Fog {
-        let mut first = header.samples + span.leaf * header.brick_words;
-        let mut steps = (0.0, 0.0);
-        if header.format == 2 {
-            let step = |i: u32| f32::from_bits(grid.words[(first + i) as usize]);
-            steps = (step(0), step(1));
-            first += 2;
-        }
+        let (first, steps) = brick_samples(grid, span.leaf);
         let slot = brick_slot(cell) as u32;
         return std::array::from_fn(|i| {
             let at = corner(i);

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use bytemuck::{Pod, Zeroable};
 use glam::IVec3;
 
+use super::detail::FogDetail;
 use super::kind::PackKind;
 use super::layout::LOWER_BITS;
 use super::spare::SpareWords;
@@ -26,6 +27,9 @@ pub struct PackedGrid {
     pub(super) header: GridHeader,
     /// The majorant: an upper bound of the density anywhere in the grid.
     pub majorant: f32,
+    /// How much densities change from voxel to voxel. Edits do not change it, except for those after which the
+    /// whole grid is packed again.
+    pub detail: FogDetail,
     /// Where the memory of the words goes when the grid is dropped.
     pub(super) spare: Option<Arc<SpareWords>>,
 }

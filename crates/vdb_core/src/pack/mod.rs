@@ -24,6 +24,7 @@ mod build;
 mod cells;
 pub(crate) mod checked;
 mod content;
+mod detail;
 pub mod edit;
 mod error;
 pub mod exact;
@@ -49,6 +50,7 @@ mod wide;
 pub(crate) use bits::transposed;
 pub(crate) use values::{Stored, density, distance};
 
+pub use detail::FogDetail;
 pub use error::PackError;
 pub use grid::{GridHeader, PackedGrid};
 pub use kind::PackKind;

@@ -4,6 +4,7 @@ use glam::IVec3;
 
 use super::assemble::NOWHERE;
 use super::bricks;
+use super::detail::FogDetail;
 use super::grid::{GridHeader, PackedGrid};
 use super::kind::PackKind;
 use super::layout::*;
@@ -135,6 +136,10 @@ impl Outline {
     /// [checked](super::checked::complete).
     pub fn into_grid(self, header: GridHeader, words: Vec<u32>) -> PackedGrid {
         let Self { kind, base, occupied, majorant, .. } = self;
-        PackedGrid { kind, base, occupied, words, header, majorant, spare: None }
+        let detail = FogDetail::EVEN;
+        let mut grid =
+            PackedGrid { kind, base, occupied, words, header, majorant, detail, spare: None };
+        bricks::measure_detail(&mut grid);
+        grid
     }
 }

@@ -196,9 +196,9 @@ impl Sections {
             put(header.palette, &packed.words[old.palette as usize..]);
         }
         let base = frame.base << LOWER_BITS as i32;
-        let (kind, majorant) = (packed.kind, packed.majorant);
+        let (kind, majorant, detail) = (packed.kind, packed.majorant, packed.detail);
         let mut spread =
-            PackedGrid { kind, base, occupied: None, words, header, majorant, spare: None };
+            PackedGrid { kind, base, occupied: None, words, header, majorant, detail, spare: None };
         let boxes: Vec<_> = lower_nodes.par_iter().map(|(at, r)| spread.box_of(*at, r)).collect();
         for (lower_node, occupied) in lower_nodes.values_mut().zip(boxes) {
             lower_node.occupied = occupied;
