@@ -58,16 +58,16 @@ pub struct VdbQuality {
     /// more than 128 voxels along an edge, which bounds the cost of a ray.
     pub fog_light_step: f32,
     /// The distance in voxels between density samples on rays from fog to lights. From ¼ to 64, 1
-    /// by default; at most 1 for those that fill the light cache. Proportionally larger for grids of more
-    /// than 256 voxels along an edge.
+    /// by default; rays that fill the light cache use at most 1, but no less than its spacing. Proportionally
+    /// larger for grids of more than 256 voxels along an edge.
     pub fog_shadow_step: f32,
     /// The light cache: the accepted relative error of radiance in fog lit by lights with shadows.
     /// Optical depths towards these lights are then computed once, on a lattice as coarse as the error
     /// permits, and interpolated along view rays, instead of sending rays to the lights. From 0 to 1,
     /// 0.01 by default; 0 turns the cache off.
     ///
-    /// The error is estimated from the extinction, the number of voxels, and how much their densities differ
-    /// from those nearby. Fog too dense or too large for the cache is lit by rays, along with all other fog on
+    /// The error is estimated from the extinction, the number of voxels, and how much densities change from
+    /// voxel to voxel. Fog too dense or too large for the cache is lit by rays, along with all other fog on
     /// a view ray that meets it; so is fog on view rays that meet more than eight fogs or more than
     /// eight emission grids. Shadows of surfaces and meshes on fog are not interpolated; they are
     /// evaluated once per `fog_light_step`.

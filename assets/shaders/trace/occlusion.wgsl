@@ -92,7 +92,8 @@ fn fog_depth(volume: u32, grid: Grid, ray: MirroredRay, dda: Dda, in_fog: bool, 
     let is_sampled = in_fog;
 #endif
     if is_sampled {
-        // Light that is cached has its own setting, an error, which long steps would exceed.
+        // Light that is stored (the light cache, scattered light) has its own setting, an error, which long steps
+        // would exceed.
         let longest = select(volumes[volume].shadow_step, min(volumes[volume].shadow_step, 1.0), least_step > 0.0);
         let step = max(scaled_step(grid, longest, SHADOW_EDGE), least_step);
         density_integral = stepped_length(grid, ray, 0.0, DARK_DEPTH / scale, step, 0.0);

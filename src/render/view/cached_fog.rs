@@ -23,7 +23,7 @@ const MIN_COARSE_LOG: i32 = 0;
 /// The shortest and the longest step of a ray, in voxels.
 const MIN_STEP: f64 = 0.25;
 const MAX_STEP: f64 = 16.0;
-/// The ratio to which the step is found.
+/// The step is found to within this ratio.
 const STEP_PRECISION: f64 = 1.01;
 /// A ramp alone, however steep, makes no step shorter than this.
 const MIN_RAMP_STEP: f32 = 1.0;
@@ -117,12 +117,13 @@ fn with_ramp(step: f32, steepness: f32) -> f32 {
 
 /// From this many spacings per step of rays to lights, the cache is more accurate than these.
 const RAY_STEP: f64 = 2.0;
-/// Errors of spacings, of steps where light fades, and of steps by the second differences that they miss: about the
-/// largest that were measured in clouds of fractal noise, the first two for an optical depth of 1 per cell and a
-/// spacing or step of 1 cell in a fog one cell across. `docs/internals/notebook.md` has the measurements.
+/// Errors of spacings, and of steps where light fades, for an optical depth of 1 per cell and a spacing or step of 1
+/// cell in a fog one cell across: a little more than the largest that were measured in clouds of fractal noise.
+/// `docs/internals/notebook.md` has the measurements.
 const SPACING_ERROR: f64 = 2.0;
 const STEP_ERROR: f64 = 1.0;
-/// The same relative to the second differences that they miss, in fogs of any roughness.
+/// Errors of spacings and of steps relative to the second differences that they miss, typical of fogs of any
+/// roughness: single measurements exceed them by up to 30 %.
 const SPACING_DETAIL_ERROR: f64 = 0.08;
 const STEP_DETAIL_ERROR: f64 = 1.25;
 /// The part of the accepted error that the spacing may take.
@@ -156,11 +157,12 @@ impl Detail {
     /// Rougher fogs have second differences of density that exceed this law.
     fn spacing_error(&self, log: i32) -> f64 {
         let spacing = f64::from(log).exp2();
-        let Extinction { shadow_largest, shadow_differences, .. } = self.extinction;
-        let of_clouds = SPACING_ERROR * self.cell * shadow_largest * spacing * spacing / self.edge;
+        let depth = self.cell * self.extinction.shadow_largest;
+        let of_clouds = SPACING_ERROR * depth * spacing * spacing / self.edge;
         // Within a cell, density itself is linear.
         let cells = spacing.max(1.0);
-        let missed = self.cell * cells * shadow_differences.at(cells) * (spacing / cells).powi(2);
+        let difference = self.cell * self.extinction.shadow_difference(cells);
+        let missed = cells * difference * (spacing / cells).powi(2);
         of_clouds.max(SPACING_DETAIL_ERROR * missed)
     }
 
@@ -176,13 +178,14 @@ impl Detail {
     /// Where light fades, it follows the same law as that of spacings. Along a whole ray, the error is that of the
     /// optical depth: the mean of a step differs from its middle by a quarter of the second difference over half its
     /// length, and the differences of steps are taken to be independent, so that they add up by their squares. In smooth
-    /// fog, neither would prevent steps that are a large part of the fog.
+    /// fog, neither would keep steps from becoming a large part of the fog.
     fn step_error(&self, step: f64) -> f64 {
-        let Extinction { mean, largest, differences, .. } = self.extinction;
+        let Extinction { mean, largest, .. } = self.extinction;
         let fading = STEP_ERROR * self.cell * largest * step * step / self.edge;
         let by_size = 0.01 * (STEPS * step / self.edge).powi(2);
-        let missed = differences.at(step / 2.0) / (4.0 * mean) * (step / self.edge).sqrt();
-        // There is nothing to be missed, and no mean, without density.
+        let missed =
+            self.extinction.difference(step / 2.0) / (4.0 * mean) * (step / self.edge).sqrt();
+        // Without density, nothing is missed, and the mean is zero.
         let missed = if mean > 0.0 { STEP_DETAIL_ERROR * missed } else { 0.0 };
         fading.max(by_size).max(missed)
     }

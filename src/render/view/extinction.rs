@@ -11,19 +11,22 @@ use crate::render::gpu::types;
 pub(super) struct Differences(pub [f64; 3]);
 
 impl Differences {
-    /// The second difference at a distance, in cells.
+    /// The second difference at a distance, in cells. It is taken never to fall with distance, although that of what
+    /// repeats after a few cells does.
     ///
     /// Density is linear within a cell, with a kink where cells meet. The share of second differences over less than a
     /// cell that see a kink falls with their distance, as does what they see of it.
     pub fn at(self, distance: f64) -> f64 {
         let Self([one, two, four]) = self;
+        let two = two.max(one);
+        let four = four.max(two);
         let between = |low: f64, high: f64, part: f64| low.powf(1.0 - part) * high.powf(part);
         match distance {
             d if d < 1.0 => one * d * d.sqrt(),
             d if d < 2.0 => between(one, two, d.log2()),
             d if d < 4.0 => between(two, four, d.log2() - 1.0),
-            // As it grew up to there; at most as in a smooth fog, and at least not at all.
-            d if four > 0.0 => four * (four / two).clamp(1.0, 4.0).powf(d.log2() - 2.0),
+            // As it grew up to there, at most as in a smooth fog.
+            d if four > 0.0 => four * (four / two).min(4.0).powf(d.log2() - 2.0),
             _ => 0.0,
         }
     }
@@ -32,7 +35,7 @@ impl Differences {
 /// The extinctions that rays meet in a fog, per world unit, for view rays and for rays to lights.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Extinction {
-    /// The mean over voxels that are not empty.
+    /// The mean over voxels that are not empty; of other fogs by the fraction of the box that they overlap.
     pub mean: f64,
     /// The largest, for view rays: the root of the sum of squares over all fogs. Errors of steps come from details that
     /// a step misses, and details of different fogs are taken to be independent.
@@ -43,6 +46,19 @@ pub(super) struct Extinction {
     pub shadow_largest: f64,
     /// The same of second differences.
     pub shadow_differences: Differences,
+}
+
+impl Extinction {
+    /// The second difference for view rays at a distance in cells. No three values between 0 and the largest have more
+    /// than twice the largest.
+    pub fn difference(&self, distance: f64) -> f64 {
+        self.differences.at(distance).min(2.0 * self.largest)
+    }
+
+    /// The second difference for rays to lights.
+    pub fn shadow_difference(&self, distance: f64) -> f64 {
+        self.shadow_differences.at(distance).min(2.0 * self.shadow_largest)
+    }
 }
 
 /// Bounds and extinction of a fog, in world space.
@@ -90,9 +106,8 @@ impl FogBox {
         for (i, cells) in [1.0, 2.0, 4.0].into_iter().enumerate() {
             let distance = cells * self.cell / other.cell;
             let own = &mut self.total.differences.0[i];
-            *own = own.hypot(weight * other.own.differences.at(distance));
-            self.total.shadow_differences.0[i] +=
-                weight * other.own.shadow_differences.at(distance);
+            *own = own.hypot(weight * other.own.difference(distance));
+            self.total.shadow_differences.0[i] += weight * other.own.shadow_difference(distance);
         }
     }
 }
@@ -178,8 +193,17 @@ pub(super) mod tests {
         near(4.0, 0.08);
         near(16.0, 0.32);
         assert_eq!(Differences([0.0, 0.0, 1.0]).at(8.0), 4.0, "at most as the square");
-        assert_eq!(Differences([3.0, 2.0, 1.0]).at(8.0), 1.0);
+        assert_eq!([1.5, 2.0, 8.0].map(|at| Differences([3.0, 0.0, 1.0]).at(at)), [3.0; 3]);
         assert_eq!([0.5, 1.5, 3.0, 64.0].map(|at| Differences::default().at(at)), [0.0; 4]);
+    }
+
+    #[test]
+    fn a_finer_fog_differs_by_no_more_than_all_of_it() {
+        let fine = fog(IVec3::ZERO, IVec3::splat(4), 0.25);
+        let mut finer = fog(IVec3::ZERO, IVec3::splat(4000), 0.25);
+        finer.1.world_from_local = DAffine3::from_scale(DVec3::splat(1e-3));
+        let [found, _] = combined(&[fine, finer])[..] else { panic!() };
+        assert!(found.differences.0.into_iter().all(|difference| difference < 0.51), "{found:?}");
     }
 
     #[test]

@@ -89,7 +89,7 @@ fn write_brick(sources: &Sources, stored: Stored, factor: f32, out: &mut [u32]) 
     }
 }
 
-/// The most leaves whose detail is measured: enough for a tenth of it, in less than a millisecond.
+/// The most leaves whose detail is measured: see `docs/internals/notebook.md`.
 const MEASURED: u32 = 256;
 
 /// Measures the detail of a fog whose words are complete and have not been edited.
@@ -97,7 +97,8 @@ pub(super) fn measure_detail(grid: &mut PackedGrid) {
     if grid.kind == PackKind::Fog {
         let GridHeader { samples, palette, brick_words, .. } = grid.header;
         let leaves = (palette - samples) / brick_words;
-        let stride = leaves.div_ceil(MEASURED).max(1) as usize;
+        // Odd, because leaves are in the order of slots, 16 along each axis of a lower node.
+        let stride = leaves.div_ceil(MEASURED) as usize | 1;
         let bricks = (0..leaves).step_by(stride).map(|leaf| cells::brick(grid, leaf));
         grid.detail = FogDetail::of(bricks, grid.majorant);
     }

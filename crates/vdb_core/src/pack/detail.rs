@@ -9,7 +9,9 @@ const DISTANCES: [usize; 3] = [1, 2, 4];
 
 /// How much the densities of a fog change from voxel to voxel, which decides how densely they and the light in them
 /// have to be sampled. Measured in up to 256 leaves when a grid is packed as a whole, or read; all values are
-/// relative to [`PackedGrid::majorant`].
+/// relative to [`PackedGrid::majorant`](super::PackedGrid::majorant). Tiles do not count, nor do differences across
+/// leaves, but for those with the next voxels on the high sides. Surfaces and fogs without leaves have the detail of
+/// an even fog: no differences, and a mean of 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FogDetail {
     /// The second differences `v(i - h) - 2 v(i) + v(i + h)` at distances `h` of 1, 2 and 4 voxels along the axes: the
@@ -69,16 +71,19 @@ impl Sums {
         if self.voxels == 0 || majorant <= 0.0 {
             return FogDetail::EVEN;
         }
-        let relative = |value: f64| (value / f64::from(majorant)) as f32;
+        // Unless a file is damaged, the majorant is the largest density.
+        let relative = |value: f64, most: f64| (value / f64::from(majorant)).min(most) as f32;
         let differences = std::array::from_fn(|i| {
-            relative((self.squares[i] / self.differences[i].max(1) as f64).sqrt())
+            relative((self.squares[i] / self.differences[i].max(1) as f64).sqrt(), 2.0)
         });
-        FogDetail { differences, mean: relative(self.densities / self.voxels as f64) }
+        FogDetail { differences, mean: relative(self.densities / self.voxels as f64, 1.0) }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use glam::Vec3Swizzles;
+
     use super::*;
     use crate::pack::{PackKind, PackOptions, PackedGrid, ValueFormat};
     use crate::synth::fog;
@@ -124,6 +129,25 @@ mod tests {
         for even in [tile, Vdb543::new(0.0)] {
             let packed = PackedGrid::new(&even, PackKind::Fog).unwrap();
             assert_eq!(packed.detail, FogDetail::EVEN);
+        }
+    }
+
+    #[test]
+    fn all_parts_of_a_grid_are_measured() {
+        // Even below and rough above, in as many leaves as would make a stride of 16.
+        let cube = CoordBox { min: IVec3::ZERO, max: IVec3::splat(127) };
+        let halves = |turn: fn(IVec3) -> IVec3| {
+            // Nowhere quite the same, or else there would be tiles.
+            let even = |at: IVec3| 1.0 - 1e-6 * (at.x + at.y + at.z) as f32;
+            let is_rough = |at: IVec3| turn(at).x >= 64 && at.x & 1 == 1;
+            let density = |at: IVec3| if is_rough(at) { 0.5 } else { even(at) };
+            let tree = fog::from_values(cube, density);
+            PackedGrid::new(&tree, PackKind::Fog).unwrap().detail.differences[0]
+        };
+        let expected = f32::sqrt(1.0 / 6.0);
+        for turn in [|at: IVec3| at, |at: IVec3| at.yzx(), |at: IVec3| at.zxy()] {
+            let found = halves(turn);
+            assert!((found / expected - 1.0).abs() < 0.1, "{found} of {expected}");
         }
     }
 

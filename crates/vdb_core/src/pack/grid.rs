@@ -27,8 +27,8 @@ pub struct PackedGrid {
     pub(super) header: GridHeader,
     /// The majorant: an upper bound of the density anywhere in the grid.
     pub majorant: f32,
-    /// How much densities change from voxel to voxel. Edits do not change it, except for those after which the
-    /// whole grid is packed again.
+    /// How much the densities of a fog change from voxel to voxel. Edits do not change it until the whole grid is
+    /// packed again.
     pub detail: FogDetail,
     /// Where the memory of the words goes when the grid is dropped.
     pub(super) spare: Option<Arc<SpareWords>>,
