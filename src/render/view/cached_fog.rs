@@ -154,7 +154,7 @@ impl Detail {
     ///
     /// It is of second order. For clouds of fractal noise, whose details are a fixed part of the whole, it is
     /// [`SPACING_ERROR`] times the optical depth per cell and the square of the spacing, divided by the cells across.
-    /// Rougher fogs have second differences of density that exceed this law.
+    /// The second differences of rougher fogs are larger than this law assumes, and their error follows from them.
     fn spacing_error(&self, log: i32) -> f64 {
         let spacing = f64::from(log).exp2();
         let depth = self.cell * self.extinction.shadow_largest;
@@ -173,7 +173,7 @@ impl Detail {
         (MIN_LOG..=MAX_LOG).rev().find(|log| self.spacing_error(*log) <= permitted)
     }
 
-    /// The error of sampling density once per step of so many cells, in its middle.
+    /// The error of sampling density only once per step, at the midpoint. The step is in cells.
     ///
     /// Where light fades, it follows the same law as that of spacings. Along a whole ray, the error is that of the
     /// optical depth: the mean of a step differs from its middle by a quarter of the second difference over half its
@@ -238,7 +238,7 @@ mod tests {
     use super::super::extinction::tests::fog;
     use super::*;
 
-    /// log₂ of the spacing, and the step, for a fog with so many cells across.
+    /// log₂ of the spacing, and the step, for a fog whose longest edge has this many cells.
     fn of(
         error: f64,
         (volume, lattice): (types::Volume, Lattice),
@@ -272,7 +272,12 @@ mod tests {
         // Light fades within a quarter of a cell.
         expect((0.01, 4.2, 64.0), None, 0.304);
         assert_eq!(of(1.0, 0.0, 1e6), (Some(MAX_LOG), MAX_STEP as f32));
-        assert_eq!(of(0.01, f32::INFINITY, 64.0), (None, MIN_STEP as f32));
+        assert_eq!(of(0.01, 0.26, 64.0).0, Some(-1));
+        assert_eq!(of(0.01, 1.1, 64.0).0, Some(-2));
+        for bad in [f32::NAN, f32::INFINITY] {
+            assert_eq!(of(0.01, bad, 64.0).0, None);
+        }
+        assert_eq!(of(0.01, f32::INFINITY, 64.0).1, MIN_STEP as f32);
     }
 
     #[test]

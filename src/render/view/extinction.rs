@@ -14,8 +14,8 @@ impl Differences {
     /// The second difference at a distance, in cells. It is taken never to fall with distance, although that of what
     /// repeats after a few cells does.
     ///
-    /// Density is linear within a cell, with a kink where cells meet. The share of second differences over less than a
-    /// cell that see a kink falls with their distance, as does what they see of it.
+    /// Density is linear within a cell, with a kink where cells meet. The shorter a distance below one cell, the fewer
+    /// second differences span a kink, and the less each of them sees of it.
     pub fn at(self, distance: f64) -> f64 {
         let Self([one, two, four]) = self;
         let two = two.max(one);
@@ -25,9 +25,9 @@ impl Differences {
             d if d < 1.0 => one * d * d.sqrt(),
             d if d < 2.0 => between(one, two, d.log2()),
             d if d < 4.0 => between(two, four, d.log2() - 1.0),
-            // As it grew up to there, at most as in a smooth fog.
-            d if four > 0.0 => four * (four / two).min(4.0).powf(d.log2() - 2.0),
-            _ => 0.0,
+            _ if four == 0.0 => 0.0,
+            // It goes on growing as it has grown so far, at most as in a smooth fog.
+            d => four * (four / two).min(4.0).powf(d.log2() - 2.0),
         }
     }
 }
@@ -35,22 +35,23 @@ impl Differences {
 /// The extinctions that rays meet in a fog, per world unit, for view rays and for rays to lights.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Extinction {
-    /// The mean over voxels that are not empty; of other fogs by the fraction of the box that they overlap.
+    /// The mean over voxels that are not empty, plus that of each other fog times the fraction of this fog's box that
+    /// it overlaps.
     pub mean: f64,
     /// The largest, for view rays: the root of the sum of squares over all fogs. Errors of steps come from details that
     /// a step misses, and details of different fogs are taken to be independent.
     pub largest: f64,
-    /// The same of second differences.
+    /// Second differences for view rays, combined in the same way.
     pub differences: Differences,
     /// The largest, for rays to lights: the sum over fogs that cast shadows, because optical depths add up.
     pub shadow_largest: f64,
-    /// The same of second differences.
+    /// Second differences for rays to lights, combined in the same way.
     pub shadow_differences: Differences,
 }
 
 impl Extinction {
-    /// The second difference for view rays at a distance in cells. No three values between 0 and the largest have more
-    /// than twice the largest.
+    /// The second difference for view rays at a distance in cells. It is at most twice the largest extinction, because
+    /// no three values between 0 and a maximum have a second difference above twice that maximum.
     pub fn difference(&self, distance: f64) -> f64 {
         self.differences.at(distance).min(2.0 * self.largest)
     }

@@ -212,10 +212,8 @@ pub(super) fn assemble(
     }
     end(&words)?;
     let detail = FogDetail::EVEN;
-    let mut grid =
-        PackedGrid { kind, base, occupied, words, header, majorant, detail, spare: None };
-    bricks::measure_detail(&mut grid);
-    Ok(grid)
+    let grid = PackedGrid { kind, base, occupied, words, header, majorant, detail, spare: None };
+    Ok(bricks::with_detail(grid))
 }
 
 /// Appends the samples of fog.

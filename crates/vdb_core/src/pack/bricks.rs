@@ -89,19 +89,20 @@ fn write_brick(sources: &Sources, stored: Stored, factor: f32, out: &mut [u32]) 
     }
 }
 
-/// The most leaves whose detail is measured: see `docs/internals/notebook.md`.
+/// The most leaves whose detail is measured. `docs/internals/notebook.md` says how close that is to measuring all.
 const MEASURED: u32 = 256;
 
-/// Measures the detail of a fog whose words are complete and have not been edited.
-pub(super) fn measure_detail(grid: &mut PackedGrid) {
+/// A grid with its detail, if it is a fog. Its words must be complete and not have been edited.
+pub(super) fn with_detail(mut grid: PackedGrid) -> PackedGrid {
     if grid.kind == PackKind::Fog {
         let GridHeader { samples, palette, brick_words, .. } = grid.header;
         let leaves = (palette - samples) / brick_words;
         // Odd, because leaves are in the order of slots, 16 along each axis of a lower node.
         let stride = leaves.div_ceil(MEASURED) as usize | 1;
-        let bricks = (0..leaves).step_by(stride).map(|leaf| cells::brick(grid, leaf));
+        let bricks = (0..leaves).step_by(stride).map(|leaf| cells::brick(&grid, leaf));
         grid.detail = FogDetail::of(bricks, grid.majorant);
     }
+    grid
 }
 
 /// Whether all densities of leaves and tiles, multiplied by `factor`, are exact in 16 bits.

@@ -137,9 +137,8 @@ impl Outline {
     pub fn into_grid(self, header: GridHeader, words: Vec<u32>) -> PackedGrid {
         let Self { kind, base, occupied, majorant, .. } = self;
         let detail = FogDetail::EVEN;
-        let mut grid =
+        let grid =
             PackedGrid { kind, base, occupied, words, header, majorant, detail, spare: None };
-        bricks::measure_detail(&mut grid);
-        grid
+        bricks::with_detail(grid)
     }
 }
