@@ -244,33 +244,25 @@ impl Scene {
                         add(VdbQuality { fog_step, detail: 1.0, ..base });
                     }
                 }
-                Sweep::LitFog => {
+                Sweep::LitFog | Sweep::SharedFog | Sweep::Fire => {
                     if resolution == 0.7 || resolution == 0.35 {
                         continue;
                     }
-                    for fog_light_step in [1.0, 2.0, 4.0, 8.0, 16.0] {
-                        for fog_shadow_step in [0.5, 1.0, 2.0, 4.0, 8.0] {
-                            let even = fog_light_step / fog_shadow_step;
-                            if (0.5..=4.0).contains(&even) {
-                                let rays = VdbQuality { fog_light_error: 0.0, ..base };
-                                add(VdbQuality { fog_light_step, fog_shadow_step, ..rays });
-                            }
+                    let rays = VdbQuality { fog_light_error: 0.0, ..base };
+                    if matches!(self.sweep, Sweep::LitFog) {
+                        for fog_light_step in [1.0, 2.0, 4.0, 8.0, 16.0] {
+                            let fog_shadow_step = 0.5 * fog_light_step;
+                            add(VdbQuality { fog_light_step, fog_shadow_step, ..rays });
+                        }
+                        add(VdbQuality { shadows: false, ..base });
+                    } else {
+                        for fog_slabs in [32, 8] {
+                            add(VdbQuality { fog_slabs, ..rays });
                         }
                     }
-                    for fog_light_error in [0.001, 0.003, 0.01, 0.03, 0.1] {
-                        for fog_step in [1.0, 2.0, 4.0] {
-                            for fog_shadow_step in [1.0, 4.0] {
-                                let cached = VdbQuality { fog_step, fog_shadow_step, ..base };
-                                add(VdbQuality { fog_light_error, ..cached });
-                            }
-                        }
-                    }
-                    add(VdbQuality { shadows: false, ..base });
-                }
-                Sweep::SharedFog | Sweep::Fire => {
-                    for fog_slabs in [64, 32, 16, 8, 4] {
-                        for fog_shadow_step in [1.0, 4.0] {
-                            add(VdbQuality { fog_slabs, fog_shadow_step, ..base });
+                    for fog_light_error in [0.001, 0.003, 0.01, 0.02, 0.05, 0.1] {
+                        for fog_step in [0.0, 2.0] {
+                            add(VdbQuality { fog_light_error, fog_step, ..base });
                         }
                     }
                 }

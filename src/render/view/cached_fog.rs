@@ -70,6 +70,15 @@ impl CacheLayout {
     }
 }
 
+/// What a camera accepts of light from the cache.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Accepted {
+    /// The relative error of the radiance; 0 if there is no such light.
+    pub error: f32,
+    /// Whether light is scattered only once: errors are larger then.
+    pub scatters_once: bool,
+}
+
 /// A fog that fits into the light cache.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct CachedFog {
@@ -85,26 +94,30 @@ pub(crate) struct CachedFog {
 
 impl CachedFog {
     /// The samples that keep the radiance of a fog within a relative error or, if there are none that fit, the
-    /// finest of those at least a cell apart that do. `None` if the fog is empty or too large. `shadow_step` is
-    /// that of rays to lights, in voxels.
+    /// finest of those that are more accurate than rays to lights or, failing these, of those at least a cell apart.
+    /// `None` if the fog is empty or too large. `shadow_step` is that of rays to lights, in voxels.
     fn new(
-        error: f32,
+        accepted: Accepted,
         extinction: Extinction,
         shadow_step: f32,
         lattice: &Lattice,
     ) -> Option<Self> {
         let occupied = lattice.occupied?;
-        let detail = Detail::new(error, extinction, lattice.cell_edge(), occupied);
+        let detail = Detail::new(accepted, extinction, lattice.cell_edge(), occupied);
         let wanted = detail.spacing_log();
-        let coarse = wanted.unwrap_or(MIN_COARSE_LOG).max(MIN_COARSE_LOG)..=MAX_LOG;
-        let layout =
-            wanted.into_iter().chain(coarse).find_map(|log| CacheLayout::new(occupied, log))?;
+        let exceeds_rays = |log: i32| {
+            extinction.shadow_largest.is_finite()
+                && f64::from(shadow_step) >= RAY_STEP * f64::from(log).exp2()
+        };
+        let is_within_error = |log| wanted == Some(log) || exceeds_rays(log);
+        let layout = (wanted.unwrap_or(MIN_LOG)..=MAX_LOG)
+            .filter(|log| *log >= MIN_COARSE_LOG || is_within_error(*log))
+            .find_map(|log| CacheLayout::new(occupied, log))?;
         Some(Self {
             layout,
-            error,
+            error: accepted.error,
             step: with_ramp(detail.step(layout.log), lattice.steepness),
-            is_within_error: wanted == Some(layout.log)
-                || f64::from(shadow_step) >= RAY_STEP * layout.spacing(),
+            is_within_error: is_within_error(layout.log),
         })
     }
 }
@@ -123,9 +136,13 @@ const RAY_STEP: f64 = 2.0;
 const SPACING_ERROR: f64 = 2.0;
 const STEP_ERROR: f64 = 1.0;
 /// Errors of spacings and of steps relative to the second differences that they miss, typical of fogs of any
-/// roughness: single measurements exceed them by up to 30 %.
-const SPACING_DETAIL_ERROR: f64 = 0.08;
+/// roughness: single measurements exceed them by up to 30 %. That of spacings is for light that is scattered often, and
+/// for light that is scattered once.
+const SPACING_DETAIL_ERROR: [f64; 2] = [0.08, 0.2];
 const STEP_DETAIL_ERROR: f64 = 1.25;
+/// Light that is scattered once and reaches the eye comes from the first part of a ray through dense fog, so fewer of
+/// its steps count. Their errors were as large as if a ray ended at this optical depth, or earlier.
+const SEEN_DEPTH: f64 = 6.0;
 /// The part of the accepted error that the spacing may take.
 const SPACING_PART: f64 = 0.8;
 /// Steps of a ray along the longest edge of a fog, however thin and smooth, for a relative error of 1 %.
@@ -136,6 +153,7 @@ const STEPS: f64 = 65.0;
 struct Detail {
     /// The relative error of the radiance (root mean square) that is accepted.
     error: f64,
+    scatters_once: bool,
     extinction: Extinction,
     /// The longest edge of a cell, in world units.
     cell: f64,
@@ -144,10 +162,11 @@ struct Detail {
 }
 
 impl Detail {
-    fn new(error: f32, extinction: Extinction, cell: f64, occupied: CoordBox) -> Self {
+    fn new(accepted: Accepted, extinction: Extinction, cell: f64, occupied: CoordBox) -> Self {
         let CoordBox { min, max } = occupied;
         let edge = (max.as_dvec3() - min.as_dvec3()).max_element() + 1.0;
-        Self { error: error.into(), extinction, cell, edge }
+        let Accepted { error, scatters_once } = accepted;
+        Self { error: error.into(), scatters_once, extinction, cell, edge }
     }
 
     /// The error of linear interpolation between samples of optical depth `2^log` cells apart.
@@ -163,7 +182,7 @@ impl Detail {
         let cells = spacing.max(1.0);
         let difference = self.cell * self.extinction.shadow_difference(cells);
         let missed = cells * difference * (spacing / cells).powi(2);
-        of_clouds.max(SPACING_DETAIL_ERROR * missed)
+        of_clouds.max(SPACING_DETAIL_ERROR[usize::from(self.scatters_once)] * missed)
     }
 
     /// log₂ of the largest spacing of samples, in cells, that keeps its part of the error; `None` if even the smallest
@@ -177,14 +196,16 @@ impl Detail {
     ///
     /// Where light fades, it follows the same law as that of spacings. Along a whole ray, the error is that of the
     /// optical depth: the mean of a step differs from its middle by a quarter of the second difference over half its
-    /// length, and the differences of steps are taken to be independent, so that they add up by their squares. In smooth
-    /// fog, neither would keep steps from becoming a large part of the fog.
+    /// length, and the differences of steps are taken to be independent, so that they add up by their squares. A ray
+    /// sees fewer of them in dense fog, whose light is scattered once. In smooth fog, neither would keep steps from
+    /// becoming a large part of the fog.
     fn step_error(&self, step: f64) -> f64 {
         let Extinction { mean, largest, .. } = self.extinction;
         let fading = STEP_ERROR * self.cell * largest * step * step / self.edge;
         let by_size = 0.01 * (STEPS * step / self.edge).powi(2);
-        let missed =
-            self.extinction.difference(step / 2.0) / (4.0 * mean) * (step / self.edge).sqrt();
+        let seen = if self.scatters_once { SEEN_DEPTH / (self.cell * mean) } else { self.edge };
+        let seen = seen.min(self.edge);
+        let missed = self.extinction.difference(step / 2.0) / (4.0 * mean) * (step / seen).sqrt();
         // Without density, nothing is missed, and the mean is zero.
         let missed = if mean > 0.0 { STEP_DETAIL_ERROR * missed } else { 0.0 };
         fading.max(by_size).max(missed)
@@ -211,15 +232,15 @@ impl Detail {
     }
 }
 
-/// For each entry of a view's list, its samples in the light cache for a relative error, if it is a
-/// fog that fits; none without an accepted error.
+/// For each entry of a view's list, its samples in the light cache, if it is a fog that fits; none without an accepted
+/// error.
 pub(super) fn find_cached_fogs(
-    error: f32,
+    accepted: Accepted,
     volumes: &[types::Volume],
     lattices: &[&Lattice],
 ) -> Vec<Option<CachedFog>> {
     let mut found = vec![None; lattices.len()];
-    if error <= 0.0 {
+    if accepted.error <= 0.0 {
         return found;
     }
     let entries = volumes.iter().zip(lattices).enumerate();
@@ -228,7 +249,7 @@ pub(super) fn find_cached_fogs(
     add_overlapping(&mut fogs);
     for fog in fogs {
         let (shadow_step, lattice) = (volumes[fog.entry].shadow_step, lattices[fog.entry]);
-        found[fog.entry] = CachedFog::new(error, fog.total, shadow_step, lattice);
+        found[fog.entry] = CachedFog::new(accepted, fog.total, shadow_step, lattice);
     }
     found
 }
@@ -238,21 +259,29 @@ mod tests {
     use super::super::extinction::tests::fog;
     use super::*;
 
+    /// A relative error of light that is scattered often.
+    fn often(error: f32) -> Accepted {
+        Accepted { error, scatters_once: false }
+    }
+
     /// log₂ of the spacing, and the step, for a fog whose longest edge has this many cells.
     fn of(
-        error: f64,
+        accepted: Accepted,
         (volume, lattice): (types::Volume, Lattice),
         edge: f64,
     ) -> (Option<i32>, f32) {
         let extinction = FogBox::new(0, &volume, &lattice).unwrap().total;
-        let detail = Detail { error, extinction, cell: 1.0, edge };
+        let Accepted { error, scatters_once } = accepted;
+        let detail = Detail { error: error.into(), scatters_once, extinction, cell: 1.0, edge };
         let log = detail.spacing_log();
         (log, detail.step(log.unwrap_or(0)))
     }
 
     #[test]
     fn spacing_follows_the_error() {
-        let of = |error, density, edge| of(error, fog(IVec3::ZERO, IVec3::splat(8), density), edge);
+        let of = |error, density, edge| {
+            of(often(error), fog(IVec3::ZERO, IVec3::splat(8), density), edge)
+        };
         let expect = |(error, density, edge), log, step: f32| {
             let found = of(error, density, edge);
             assert!(
@@ -285,12 +314,31 @@ mod tests {
         let of = |roughness: f32| {
             let (volume, mut lattice) = fog(IVec3::ZERO, IVec3::splat(8), 0.2);
             lattice.detail.differences = [0.02, 0.05, 0.1].map(|difference| difference * roughness);
-            of(0.01, (volume, lattice), 256.0)
+            of(often(0.01), (volume, lattice), 256.0)
         };
         assert_eq!(of(0.0), of(1.0), "the law of clouds");
         let (spacing, step) = of(10.0);
         assert!(spacing == Some(0) && (1.0..2.0).contains(&step), "{spacing:?} {step}");
         assert!(of(20.0).1 < step && of(5.0).1 > step);
+    }
+
+    #[test]
+    fn light_that_is_scattered_once_has_finer_samples() {
+        let of = |scatters_once, density: f32, roughness: f32| {
+            let (volume, mut lattice) = fog(IVec3::ZERO, IVec3::splat(8), density);
+            lattice.detail.mean = 0.5;
+            lattice.detail.differences = [0.1, 0.2, 0.3].map(|difference| difference * roughness);
+            of(Accepted { error: 0.01, scatters_once }, (volume, lattice), 256.0)
+        };
+        // The law of clouds is the same.
+        assert_eq!(of(true, 0.02, 0.1), of(false, 0.02, 0.1));
+        assert_eq!([false, true].map(|once| of(once, 0.2, 1.0).0), [Some(1), Some(0)]);
+        // A ray that sees all of a fog needs about the same steps; one that sees a part of it, shorter ones.
+        let steps = |density| [false, true].map(|once| of(once, density, 3.0).1);
+        let [often, once] = steps(0.02);
+        assert!((often / once - 1.0).abs() < 0.05, "{often} {once}");
+        let [often, once] = steps(0.4);
+        assert!((1.2..2.0).contains(&(often / once)), "{often} {once}");
     }
 
     #[test]
@@ -320,7 +368,7 @@ mod tests {
         let of = |fogs: &[(types::Volume, Lattice)]| {
             let volumes: Vec<_> = fogs.iter().map(|fog| fog.0).collect();
             let lattices: Vec<_> = fogs.iter().map(|fog| &fog.1).collect();
-            find_cached_fogs(0.01, &volumes, &lattices)
+            find_cached_fogs(often(0.01), &volumes, &lattices)
         };
         let found = of(&[large, small]).into_iter().map(|fog| fog.unwrap()).collect::<Vec<_>>();
         assert!(found[0].is_within_error && found[0].layout.log > 0, "{found:?}");
@@ -334,7 +382,7 @@ mod tests {
     fn fogs_whose_error_cannot_be_kept_have_the_finest_samples_that_fit() {
         let of = |edge, density| {
             let (volume, lattice) = fog(IVec3::ZERO, IVec3::splat(edge), density);
-            let found = find_cached_fogs(0.01, &[volume], &[&lattice])[0];
+            let found = find_cached_fogs(often(0.01), &[volume], &[&lattice])[0];
             found.map(|fog| (fog.layout.log, fog.is_within_error))
         };
         assert_eq!(of(64, 0.03), Some((1, true)));
@@ -351,13 +399,13 @@ mod tests {
         let of = |edge, shadow_step| {
             let (mut volume, lattice) = fog(IVec3::ZERO, IVec3::splat(edge), 5.0);
             volume.shadow_step = shadow_step;
-            let found = find_cached_fogs(0.01, &[volume], &[&lattice])[0];
+            let found = find_cached_fogs(often(0.01), &[volume], &[&lattice])[0];
             found.map(|fog| (fog.layout.log, fog.is_within_error))
         };
-        assert_eq!(
-            [1.0, 2.0, 8.0].map(|step| of(64, step)),
-            [Some((0, false)), Some((0, true)), Some((0, true))]
-        );
+        assert_eq!(of(64, 0.25), Some((0, false)));
+        assert_eq!([0.5, 1.0, 8.0].map(|step| of(64, step)), [Some((-2, true)); 3]);
+        // Half a voxel is the finest that fits.
+        assert_eq!([0.5, 1.0].map(|step| of(160, step)), [Some((0, false)), Some((-1, true))]);
         assert_eq!([2.0, 4.0].map(|step| of(512, step)), [Some((1, false)), Some((1, true))]);
     }
 }

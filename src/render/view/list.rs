@@ -7,7 +7,7 @@ use bevy::prelude::*;
 use bevy::render::sync_world::MainEntity;
 
 use super::auxiliary::{color_data, emission_data, world_from_index};
-use super::cached_fog::{CachedFog, find_cached_fogs};
+use super::cached_fog::{Accepted, CachedFog, find_cached_fogs};
 use super::eye::Eye;
 use super::lattice::Lattice;
 use super::media::MediaSlots;
@@ -88,8 +88,8 @@ pub(super) struct EntryMaker<'a> {
     pub pool: &'a VdbTreePool,
     pub eye: Eye<'a>,
     pub quality: &'a VdbQuality,
-    /// The error that is accepted of light from the cache; 0 if there is no such light.
-    pub cache_error: f32,
+    /// Of light from the cache.
+    pub accepted: Accepted,
     /// The features whose entries are left out.
     pub left_out: Features,
 }
@@ -215,7 +215,7 @@ impl ViewList {
             }
         }
         let lattices: Vec<_> = entries.iter().map(|entry| &entry.lattice).collect();
-        let found = find_cached_fogs(maker.cache_error, &data, &lattices);
+        let found = find_cached_fogs(maker.accepted, &data, &lattices);
         for (entry, cached_fog) in entries.iter_mut().zip(found) {
             entry.cached_fog = cached_fog;
         }

@@ -17,6 +17,7 @@ use bevy::render::view::{ExtractedView, Msaa, RenderVisibleEntities, RenderVisib
 use vdb_core::view::ViewRays;
 
 use super::bvh;
+use super::cached_fog::Accepted;
 use super::eye::Eye;
 use super::key::ViewKey;
 use super::lights::{Lights, Surroundings};
@@ -114,7 +115,10 @@ impl Resolver<'_, '_> {
             pool: &self.pool,
             eye: Eye { rays: &rays, world_from_view, size: picture },
             quality: &settings.quality,
-            cache_error: cache_error(of, &settings),
+            accepted: Accepted {
+                error: cache_error(of, &settings),
+                scatters_once: !settings.camera.multiple_scattering,
+            },
             left_out: settings.left_out,
         };
         let shown = (settings.is_lit(), settings.reflections > 0);
