@@ -36,7 +36,7 @@ pub fn run(args: &Args) -> Result<(), String> {
     println!("|---|---|---|---|---|---|---|---|---|");
     let material = VdbMaterial { density_scale: args.density, anisotropy: 0.6, ..default() };
     let cloud = studio.app.world_mut().spawn((VdbVolume(grid.clone()), material.clone())).id();
-    let scattering = VdbCamera { multiple_scattering: !args.scatters_once, ..default() };
+    let scattering = VdbCamera { multiple_scattering: !args.single_scattering, ..default() };
     studio.camera_mut().insert((Hdr, Msaa::Off, scattering));
     let rays = VdbQuality { fog_light_error: 0.0, ..VdbQuality::HIGH };
     let presets = [

@@ -53,7 +53,7 @@ recorded as well.
                   process given, because cooking takes more than displaying
   --pictures      of pages: writes a picture of each stop to --out
   --density N     of fog and sequence: extinction per world unit, with the cloud 4 units across; 4
-  --single        of fog: its light is scattered only once
+  --single        of fog: with single scattering
   --frames N      frames a turn, at least 10; 300
   --rounds N      turns of each kind, or loops of the sequence each way, at least 1; 5
   --rate N        frames a second of the recordings, and of the sequence; 60
@@ -75,7 +75,7 @@ struct Args {
     keeps_pages: bool,
     writes_pictures: bool,
     density: f32,
-    scatters_once: bool,
+    single_scattering: bool,
 }
 
 impl Args {
@@ -94,7 +94,7 @@ impl Args {
             keeps_pages: false,
             writes_pictures: false,
             density: 4.0,
-            scatters_once: false,
+            single_scattering: false,
         };
         let mut options = Options::of_program(HELP);
         while let Some(option) = options.next_word()? {
@@ -107,7 +107,7 @@ impl Args {
                 "--model" => args.model = Some(options.value(|path| Some(PathBuf::from(path)))?),
                 "--scene" => args.scene = Some(options.value(|name| Some(name.to_owned()))?),
                 "--density" => args.density = options.value(number(1e-3..1e6))?,
-                "--single" => args.scatters_once = true,
+                "--single" => args.single_scattering = true,
                 "--keep" => args.keeps_pages = true,
                 "--pictures" => args.writes_pictures = true,
                 "surfaces" => args.what.push(surfaces::run),

@@ -67,9 +67,11 @@ pub struct VdbQuality {
     /// 0.01 by default; 0 turns the cache off.
     ///
     /// The error is estimated from the extinction, the number of voxels, and how much densities change from
-    /// voxel to voxel. Fog too dense or too large for the cache is lit by rays, along with all other fog on
-    /// a view ray that meets it; so is fog on view rays that meet more than eight fogs or more than
-    /// eight emission grids. Shadows of surfaces and meshes on fog are not interpolated; they are
+    /// voxel to voxel. Fog that is too dense or too large for the cache is lit by rays, along with all
+    /// other fog on a view ray that meets it. If [`fog_shadow_step`](Self::fog_shadow_step) is at least
+    /// twice the finest spacing that fits, the cache is used nevertheless, because it is more accurate.
+    /// Fog on view rays that meet more than eight fogs or more than eight emission grids is also lit by
+    /// rays. Shadows of surfaces and meshes on fog are not interpolated; they are
     /// evaluated once per `fog_light_step`.
     pub fog_light_error: f32,
     /// The number of slabs into which a ray is divided where fogs overlap that are not in the light

@@ -9,9 +9,11 @@ use bevy_vdb::{
 use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
 use vdb_core::synth::{fog, level_set};
-use vdb_core::tree::CoordBox;
+use vdb_core::tree::{CoordBox, Vdb543};
+use vdb_core::{AnyTree, VdbFile};
 
 use super::common::{Picture, Stage};
+use super::files::model;
 use super::{SIZE, SURFACE, looking};
 
 /// World units.
@@ -36,12 +38,16 @@ impl Cloud {
         Self::on(Stage::new(), density_scale)
     }
 
-    pub fn on(mut stage: Stage, density_scale: f32) -> Self {
+    pub fn on(stage: Stage, density_scale: f32) -> Self {
+        Self::of(stage, fog::cloud(RADIUS, 3), density_scale)
+    }
+
+    fn of(mut stage: Stage, density: Vdb543<f32>, density_scale: f32) -> Self {
         let target = stage.target(SIZE);
         let from = Transform::from_xyz(3.0, 4.0, 9.0).looking_at(Vec3::ZERO, Vec3::Y);
         let camera = stage.camera(&target, from);
         stage.world().entity_mut(camera).insert(VdbCamera::default());
-        let grid = stage.grid(fog::cloud(RADIUS, 3), PackKind::Fog, VOXEL);
+        let grid = stage.grid(density, PackKind::Fog, VOXEL);
         let material = VdbMaterial { density_scale, anisotropy: 0.4, ..default() };
         let cloud = stage.world().spawn((VdbVolume(grid), material)).id();
         let light = DirectionalLight { illuminance: 10.0, shadow_maps_enabled: true, ..default() };
@@ -90,7 +96,7 @@ pub(super) fn error_where(
 }
 
 /// Thin and dense clouds with details of two to three voxels: the error that is asked for is that of the
-/// image. In the densest one, light fades within such a detail, so that rays take the place of the cache.
+/// image. In the densest one, light fades within such a detail.
 #[gpu_test]
 #[ignore = "slow: its references are by rays"]
 fn radiance_is_within_the_error_that_is_asked_for() {
@@ -116,6 +122,43 @@ fn radiance_is_within_the_error_that_is_asked_for() {
             assert!(errors[0] <= 0.03 && errors[1] <= 0.01, "{what}: {errors:?}");
         }
     }
+}
+
+/// The smoke of a simulation, whose details are much larger from voxel to voxel than those of clouds of noise, at
+/// 0.09 and 0.35 per voxel, with single scattering.
+#[gpu_test]
+#[ignore = "slow: its references are by rays"]
+fn rough_smoke_is_within_the_error_of_single_scattering() {
+    let file = VdbFile::open(model("fire/fire_0024.vdb")).expect("the bundled fire");
+    let smoke = file.grids.into_iter().find(|grid| grid.name == "density").expect("its smoke");
+    let AnyTree::Float(smoke) = smoke.tree else { panic!("densities are floats") };
+    for density in [4.0, 16.0] {
+        let mut cloud = Cloud::of(Stage::new(), Vdb543::clone(&smoke), density);
+        let camera = cloud.camera;
+        let single = VdbCamera { multiple_scattering: false, ..default() };
+        cloud.stage.world().entity_mut(camera).insert(single);
+        let reference = cloud.with(BY_RAYS);
+        let picture = cloud.with(VdbQuality::HIGH);
+        let report = cloud.report().unwrap();
+        assert!(report.has("light cache"), "{report:?}");
+        assert!(!report.has("fogs beside the cache"), "{report:?}");
+        let off = error(&picture, &reference);
+        println!("density {density}: off by {off:.5}");
+        assert!(off <= VdbQuality::HIGH.fog_light_error.into(), "density {density}: {off:.5}");
+    }
+}
+
+/// The lattice of a very dense cloud is so fine that each of its samples sends a ray. These rays take steps of a voxel at
+/// most, even if rays to lights would take longer ones.
+#[gpu_test]
+#[ignore = "slow: its reference is by rays"]
+fn rays_that_fill_the_cache_take_no_long_steps() {
+    let mut cloud = Cloud::new(30.0);
+    let reference = cloud.with(BY_RAYS);
+    let picture = cloud.with(VdbQuality::BALANCED);
+    let off = error(&picture, &reference);
+    println!("off by {off:.5}");
+    assert!(off <= 0.02, "{off}");
 }
 
 /// Suns near each axis on both sides, through a cloud that is turned and stretched: samples are interpolated

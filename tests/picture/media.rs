@@ -163,7 +163,7 @@ fn no_fire_is_lost_between_leaves() {
     }
 }
 
-/// Beyond eight fogs on a ray, and beside fog that is too dense for the cache, fog is lit by rays.
+/// Beyond eight fogs on a ray, and beside fog that is too dense for the cache, fog is lit by rays whose steps are short.
 #[gpu_test]
 #[ignore = "slow: nine fogs in 100 slabs"]
 fn fogs_that_do_not_fit_are_lit_by_rays() {
@@ -186,6 +186,9 @@ fn fogs_that_do_not_fit_are_lit_by_rays() {
     assert_eq!(uses(&mut scene), [true, false]);
     let dense = VdbMaterial { density_scale: 1000.0, ..default() };
     scene.cloud(5, Transform::from_xyz(4.0, 0.0, 0.0).with_scale(Vec3::splat(0.3)), dense);
-    scene.with(quality);
+    scene.with(VdbQuality { fog_shadow_step: 0.25, ..quality });
     assert_eq!(uses(&mut scene), [true, true]);
+    // Rays with longer steps would be less accurate than the cache.
+    scene.with(quality);
+    assert_eq!(uses(&mut scene), [true, false]);
 }

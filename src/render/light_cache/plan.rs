@@ -67,15 +67,15 @@ pub(super) fn plan(
         return;
     }
     let mut wanted = WantedLattices::new(new_packing(MAX_BYTES, TEXEL_BYTES, &device));
-    // Fogs whose error cannot be kept take only the room that the others leave.
-    for is_within_error in [true, false] {
+    // Fogs that rays light better take only the room that the others leave.
+    for replaces_rays in [true, false] {
         // Without its suns, a fog is not in the cache at all.
         for want in [LightCacheView::want_suns, LightCacheView::want_lamps] {
             for view in &order {
                 let Ok((_, state, mut own)) = views.get_mut(*view) else { continue };
                 let Some(prepared) = &state.prepared else { continue };
-                let fits = want(&mut own, prepared, &lights, is_within_error, &mut wanted);
-                limit.is_full |= is_within_error && !fits;
+                let fits = want(&mut own, prepared, &lights, replaces_rays, &mut wanted);
+                limit.is_full |= replaces_rays && !fits;
             }
         }
     }

@@ -98,23 +98,23 @@ impl LightCacheView {
         self.drawn.take()
     }
 
-    /// Asks for lattices of suns for the view's fogs: those within the accepted error, or the
+    /// Asks for lattices of suns for the view's fogs: those that replace rays, or the
     /// others. Returns whether there is room for them.
     pub(super) fn want_suns(
         &mut self,
         prepared: &PreparedView,
         lights: &CachedLights,
-        is_within_error: bool,
+        replaces_rays: bool,
         wanted: &mut WantedLattices,
     ) -> bool {
-        if lights.is_empty() || (!is_within_error && prepared.key.has(Features::UNCACHED_FOGS)) {
+        if lights.is_empty() || (!replaces_rays && prepared.key.has(Features::UNCACHED_FOGS)) {
             return true;
         }
         let mut fits = true;
         for (i, entry) in prepared.entries.iter().enumerate().take(prepared.displayed()) {
             // The chosen pipelines may not read this entry.
             let is_fog = prepared.volumes[i].kind == types::KIND_FOG;
-            let is_asked = |fog: &CachedFog| is_fog && fog.is_within_error == is_within_error;
+            let is_asked = |fog: &CachedFog| is_fog && fog.replaces_rays == replaces_rays;
             let Some(fog) = entry.cached_fog.filter(is_asked) else { continue };
             let suns = (!lights.suns.is_empty()).then_some(LatticeKey {
                 owner: entry.owner,
@@ -137,11 +137,11 @@ impl LightCacheView {
         &mut self,
         prepared: &PreparedView,
         lights: &CachedLights,
-        is_within_error: bool,
+        replaces_rays: bool,
         wanted: &mut WantedLattices,
     ) -> bool {
         let mut fits = true;
-        for (i, fog) in self.fogs.iter().filter(|(_, fog)| fog.is_within_error == is_within_error) {
+        for (i, fog) in self.fogs.iter().filter(|(_, fog)| fog.replaces_rays == replaces_rays) {
             let entry = &prepared.entries[*i];
             let Some((min, max)) = entry.lattice.world_box() else { continue };
             for lamp in lights.lamps.iter().filter(|lamp| lamp.reaches([min, max])) {

@@ -13,6 +13,9 @@ const ALIGNMENT: u32 = 8;
 const MAX_SAMPLES: u32 = 2048;
 /// The most bytes of a lattice for one light: WebGPU's default limit of a binding.
 const MAX_BYTES: u64 = 128 << 20;
+/// The most samples of a lattice with a spacing below a cell that does not keep the error: 48 MiB of its texture, which
+/// must not crowd out other fogs.
+const MAX_FALLBACK_SAMPLES: u64 = 24 << 20;
 /// Bytes of which lines are a multiple when they are copied to a texture.
 const LINE_BYTES: u64 = 256;
 /// log₂ of the smallest and the largest spacing in cells. The largest is an edge of a leaf.
@@ -70,13 +73,13 @@ impl CacheLayout {
     }
 }
 
-/// What a camera accepts of light from the cache.
+/// The accuracy that a camera asks of the light cache.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Accepted {
-    /// The relative error of the radiance; 0 if there is no such light.
+    /// The relative error of the radiance; 0 if the view does not use the cache.
     pub error: f32,
-    /// Whether light is scattered only once: errors are larger then.
-    pub scatters_once: bool,
+    /// Whether fog has single scattering: errors are larger then.
+    pub single_scattering: bool,
 }
 
 /// A fog that fits into the light cache.
@@ -89,13 +92,13 @@ pub(crate) struct CachedFog {
     pub step: f32,
     /// Whether the samples are within the accepted error, or at least finer than those that rays to lights would
     /// take. Others are only for pipelines that cannot light fog by rays.
-    pub is_within_error: bool,
+    pub replaces_rays: bool,
 }
 
 impl CachedFog {
     /// The samples that keep the radiance of a fog within a relative error or, if there are none that fit, the
-    /// finest of those that are more accurate than rays to lights or, failing these, of those at least a cell apart.
-    /// `None` if the fog is empty or too large. `shadow_step` is that of rays to lights, in voxels.
+    /// finest of those that are more accurate than rays to lights and take little memory or, failing these, of those at
+    /// least a cell apart. `None` if the fog is empty or too large. `shadow_step` is that of rays to lights, in voxels.
     fn new(
         accepted: Accepted,
         extinction: Extinction,
@@ -105,19 +108,24 @@ impl CachedFog {
         let occupied = lattice.occupied?;
         let detail = Detail::new(accepted, extinction, lattice.cell_edge(), occupied);
         let wanted = detail.spacing_log();
-        let exceeds_rays = |log: i32| {
+        let beats_rays = |log: i32| {
             extinction.shadow_largest.is_finite()
                 && f64::from(shadow_step) >= RAY_STEP * f64::from(log).exp2()
         };
-        let is_within_error = |log| wanted == Some(log) || exceeds_rays(log);
+        // Rays through a ramp integrate it exactly, whatever their steps.
+        let is_fallback = |layout: &CacheLayout| {
+            let samples: u64 = layout.samples.to_array().into_iter().map(u64::from).product();
+            let is_fine = lattice.ramp.is_none() && beats_rays(layout.log);
+            layout.log >= MIN_COARSE_LOG || (is_fine && samples <= MAX_FALLBACK_SAMPLES)
+        };
         let layout = (wanted.unwrap_or(MIN_LOG)..=MAX_LOG)
-            .filter(|log| *log >= MIN_COARSE_LOG || is_within_error(*log))
-            .find_map(|log| CacheLayout::new(occupied, log))?;
+            .filter_map(|log| CacheLayout::new(occupied, log))
+            .find(|layout| wanted == Some(layout.log) || is_fallback(layout))?;
         Some(Self {
             layout,
             error: accepted.error,
             step: with_ramp(detail.step(layout.log), lattice.steepness),
-            is_within_error: is_within_error(layout.log),
+            replaces_rays: wanted == Some(layout.log) || beats_rays(layout.log),
         })
     }
 }
@@ -136,12 +144,11 @@ const RAY_STEP: f64 = 2.0;
 const SPACING_ERROR: f64 = 2.0;
 const STEP_ERROR: f64 = 1.0;
 /// Errors of spacings and of steps relative to the second differences that they miss, typical of fogs of any
-/// roughness: single measurements exceed them by up to 30 %. That of spacings is for light that is scattered often, and
-/// for light that is scattered once.
+/// roughness: single measurements exceed them by up to 60 %. That of spacings is for multiple, and for single scattering.
 const SPACING_DETAIL_ERROR: [f64; 2] = [0.08, 0.2];
 const STEP_DETAIL_ERROR: f64 = 1.25;
-/// Light that is scattered once and reaches the eye comes from the first part of a ray through dense fog, so fewer of
-/// its steps count. Their errors were as large as if a ray ended at this optical depth, or earlier.
+/// With single scattering, the light of dense fog comes from the first part of a ray, so errors of fewer steps average
+/// out. A ray is taken to end at this optical depth, which covers all measured fogs but one.
 const SEEN_DEPTH: f64 = 6.0;
 /// The part of the accepted error that the spacing may take.
 const SPACING_PART: f64 = 0.8;
@@ -153,7 +160,7 @@ const STEPS: f64 = 65.0;
 struct Detail {
     /// The relative error of the radiance (root mean square) that is accepted.
     error: f64,
-    scatters_once: bool,
+    single_scattering: bool,
     extinction: Extinction,
     /// The longest edge of a cell, in world units.
     cell: f64,
@@ -165,8 +172,8 @@ impl Detail {
     fn new(accepted: Accepted, extinction: Extinction, cell: f64, occupied: CoordBox) -> Self {
         let CoordBox { min, max } = occupied;
         let edge = (max.as_dvec3() - min.as_dvec3()).max_element() + 1.0;
-        let Accepted { error, scatters_once } = accepted;
-        Self { error: error.into(), scatters_once, extinction, cell, edge }
+        let Accepted { error, single_scattering } = accepted;
+        Self { error: error.into(), single_scattering, extinction, cell, edge }
     }
 
     /// The error of linear interpolation between samples of optical depth `2^log` cells apart.
@@ -182,7 +189,7 @@ impl Detail {
         let cells = spacing.max(1.0);
         let difference = self.cell * self.extinction.shadow_difference(cells);
         let missed = cells * difference * (spacing / cells).powi(2);
-        of_clouds.max(SPACING_DETAIL_ERROR[usize::from(self.scatters_once)] * missed)
+        of_clouds.max(SPACING_DETAIL_ERROR[usize::from(self.single_scattering)] * missed)
     }
 
     /// log₂ of the largest spacing of samples, in cells, that keeps its part of the error; `None` if even the smallest
@@ -197,13 +204,13 @@ impl Detail {
     /// Where light fades, it follows the same law as that of spacings. Along a whole ray, the error is that of the
     /// optical depth: the mean of a step differs from its middle by a quarter of the second difference over half its
     /// length, and the differences of steps are taken to be independent, so that they add up by their squares. A ray
-    /// sees fewer of them in dense fog, whose light is scattered once. In smooth fog, neither would keep steps from
+    /// sees fewer of them in dense fog with single scattering. In smooth fog, neither would keep steps from
     /// becoming a large part of the fog.
     fn step_error(&self, step: f64) -> f64 {
         let Extinction { mean, largest, .. } = self.extinction;
         let fading = STEP_ERROR * self.cell * largest * step * step / self.edge;
         let by_size = 0.01 * (STEPS * step / self.edge).powi(2);
-        let seen = if self.scatters_once { SEEN_DEPTH / (self.cell * mean) } else { self.edge };
+        let seen = if self.single_scattering { SEEN_DEPTH / (self.cell * mean) } else { self.edge };
         let seen = seen.min(self.edge);
         let missed = self.extinction.difference(step / 2.0) / (4.0 * mean) * (step / seen).sqrt();
         // Without density, nothing is missed, and the mean is zero.
@@ -232,8 +239,8 @@ impl Detail {
     }
 }
 
-/// For each entry of a view's list, its samples in the light cache, if it is a fog that fits; none without an accepted
-/// error.
+/// The samples in the light cache of each entry of a view's list: `None` for those that are no fog or do not fit, and for
+/// all if the accepted error is 0.
 pub(super) fn find_cached_fogs(
     accepted: Accepted,
     volumes: &[types::Volume],
@@ -259,9 +266,9 @@ mod tests {
     use super::super::extinction::tests::fog;
     use super::*;
 
-    /// A relative error of light that is scattered often.
-    fn often(error: f32) -> Accepted {
-        Accepted { error, scatters_once: false }
+    /// A relative error with multiple scattering.
+    fn multiple(error: f32) -> Accepted {
+        Accepted { error, single_scattering: false }
     }
 
     /// log₂ of the spacing, and the step, for a fog whose longest edge has this many cells.
@@ -271,8 +278,8 @@ mod tests {
         edge: f64,
     ) -> (Option<i32>, f32) {
         let extinction = FogBox::new(0, &volume, &lattice).unwrap().total;
-        let Accepted { error, scatters_once } = accepted;
-        let detail = Detail { error: error.into(), scatters_once, extinction, cell: 1.0, edge };
+        let Accepted { error, single_scattering } = accepted;
+        let detail = Detail { error: error.into(), single_scattering, extinction, cell: 1.0, edge };
         let log = detail.spacing_log();
         (log, detail.step(log.unwrap_or(0)))
     }
@@ -280,7 +287,7 @@ mod tests {
     #[test]
     fn spacing_follows_the_error() {
         let of = |error, density, edge| {
-            of(often(error), fog(IVec3::ZERO, IVec3::splat(8), density), edge)
+            of(multiple(error), fog(IVec3::ZERO, IVec3::splat(8), density), edge)
         };
         let expect = |(error, density, edge), log, step: f32| {
             let found = of(error, density, edge);
@@ -314,7 +321,7 @@ mod tests {
         let of = |roughness: f32| {
             let (volume, mut lattice) = fog(IVec3::ZERO, IVec3::splat(8), 0.2);
             lattice.detail.differences = [0.02, 0.05, 0.1].map(|difference| difference * roughness);
-            of(often(0.01), (volume, lattice), 256.0)
+            of(multiple(0.01), (volume, lattice), 256.0)
         };
         assert_eq!(of(0.0), of(1.0), "the law of clouds");
         let (spacing, step) = of(10.0);
@@ -323,22 +330,22 @@ mod tests {
     }
 
     #[test]
-    fn light_that_is_scattered_once_has_finer_samples() {
-        let of = |scatters_once, density: f32, roughness: f32| {
+    fn single_scattering_has_finer_samples() {
+        let of = |single_scattering, density: f32, roughness: f32| {
             let (volume, mut lattice) = fog(IVec3::ZERO, IVec3::splat(8), density);
             lattice.detail.mean = 0.5;
             lattice.detail.differences = [0.1, 0.2, 0.3].map(|difference| difference * roughness);
-            of(Accepted { error: 0.01, scatters_once }, (volume, lattice), 256.0)
+            of(Accepted { error: 0.01, single_scattering }, (volume, lattice), 256.0)
         };
         // The law of clouds is the same.
         assert_eq!(of(true, 0.02, 0.1), of(false, 0.02, 0.1));
-        assert_eq!([false, true].map(|once| of(once, 0.2, 1.0).0), [Some(1), Some(0)]);
+        assert_eq!([false, true].map(|single| of(single, 0.2, 1.0).0), [Some(1), Some(0)]);
         // A ray that sees all of a fog needs about the same steps; one that sees a part of it, shorter ones.
-        let steps = |density| [false, true].map(|once| of(once, density, 3.0).1);
-        let [often, once] = steps(0.02);
-        assert!((often / once - 1.0).abs() < 0.05, "{often} {once}");
-        let [often, once] = steps(0.4);
-        assert!((1.2..2.0).contains(&(often / once)), "{often} {once}");
+        let steps = |density| [false, true].map(|single| of(single, density, 3.0).1);
+        let [multiple, single] = steps(0.02);
+        assert!((multiple / single - 1.0).abs() < 0.05, "{multiple} {single}");
+        let [multiple, single] = steps(0.4);
+        assert!((1.2..2.0).contains(&(multiple / single)), "{multiple} {single}");
     }
 
     #[test]
@@ -368,22 +375,22 @@ mod tests {
         let of = |fogs: &[(types::Volume, Lattice)]| {
             let volumes: Vec<_> = fogs.iter().map(|fog| fog.0).collect();
             let lattices: Vec<_> = fogs.iter().map(|fog| &fog.1).collect();
-            find_cached_fogs(often(0.01), &volumes, &lattices)
+            find_cached_fogs(multiple(0.01), &volumes, &lattices)
         };
         let found = of(&[large, small]).into_iter().map(|fog| fog.unwrap()).collect::<Vec<_>>();
-        assert!(found[0].is_within_error && found[0].layout.log > 0, "{found:?}");
-        assert!(!found[1].is_within_error && found[1].layout.log == 0, "{found:?}");
+        assert!(found[0].replaces_rays && found[0].layout.log > 0, "{found:?}");
+        assert!(!found[1].replaces_rays && found[1].layout.log == 0, "{found:?}");
         let dense = fog(IVec3::ZERO, IVec3::splat(512), 4.0);
         let found = of(&[large, dense]);
-        assert!(found.iter().all(|fog| fog.is_some_and(|fog| !fog.is_within_error)), "{found:?}");
+        assert!(found.iter().all(|fog| fog.is_some_and(|fog| !fog.replaces_rays)), "{found:?}");
     }
 
     #[test]
     fn fogs_whose_error_cannot_be_kept_have_the_finest_samples_that_fit() {
         let of = |edge, density| {
             let (volume, lattice) = fog(IVec3::ZERO, IVec3::splat(edge), density);
-            let found = find_cached_fogs(often(0.01), &[volume], &[&lattice])[0];
-            found.map(|fog| (fog.layout.log, fog.is_within_error))
+            let found = find_cached_fogs(multiple(0.01), &[volume], &[&lattice])[0];
+            found.map(|fog| (fog.layout.log, fog.replaces_rays))
         };
         assert_eq!(of(64, 0.03), Some((1, true)));
         assert_eq!(of(64, 1.0), Some((-1, true)));
@@ -396,16 +403,30 @@ mod tests {
 
     #[test]
     fn rays_take_the_place_of_the_cache_only_if_they_are_finer() {
-        let of = |edge, shadow_step| {
-            let (mut volume, lattice) = fog(IVec3::ZERO, IVec3::splat(edge), 5.0);
+        let of_density = |edge, density, ramp, shadow_step| {
+            let (mut volume, mut lattice) = fog(IVec3::ZERO, IVec3::splat(edge), density);
             volume.shadow_step = shadow_step;
-            let found = find_cached_fogs(often(0.01), &[volume], &[&lattice])[0];
-            found.map(|fog| (fog.layout.log, fog.is_within_error))
+            lattice.ramp = ramp;
+            let found = find_cached_fogs(multiple(0.01), &[volume], &[&lattice])[0];
+            found.map(|fog| (fog.layout.log, fog.replaces_rays))
         };
-        assert_eq!(of(64, 0.25), Some((0, false)));
-        assert_eq!([0.5, 1.0, 8.0].map(|step| of(64, step)), [Some((-2, true)); 3]);
-        // Half a voxel is the finest that fits.
-        assert_eq!([0.5, 1.0].map(|step| of(160, step)), [Some((0, false)), Some((-1, true))]);
+        let of = |edge, shadow_step| of_density(edge, 5.0, None, shadow_step);
+        assert_eq!(of(32, 0.25), Some((0, false)));
+        assert_eq!([0.5, 1.0, 8.0].map(|step| of(32, step)), [Some((-2, true)); 3]);
+        // A quarter of a voxel would take too much memory, and half of one is not finer than half a step.
+        assert_eq!([0.5, 1.0].map(|step| of(100, step)), [Some((0, false)), Some((-1, true))]);
+        assert_eq!([1.0, 2.0].map(|step| of(200, step)), [Some((0, false)), Some((0, true))]);
+        // One that keeps the error, but does not fit.
+        assert_eq!(of_density(100, 6.2, None, 1.0), Some((-1, true)));
+        let with_ramp = |step| of_density(32, 5.0, Some(1), step);
+        assert_eq!(
+            [1.0, 2.0].map(with_ramp),
+            [Some((0, false)), Some((0, true))],
+            "rays are exact"
+        );
+        for bad in [f32::NAN, f32::INFINITY] {
+            assert_eq!(of_density(32, bad, None, 8.0), Some((0, false)));
+        }
         assert_eq!([2.0, 4.0].map(|step| of(512, step)), [Some((1, false)), Some((1, true))]);
     }
 }

@@ -88,7 +88,7 @@ pub(super) struct EntryMaker<'a> {
     pub pool: &'a VdbTreePool,
     pub eye: Eye<'a>,
     pub quality: &'a VdbQuality,
-    /// Of light from the cache.
+    /// The accepted error of light from the cache.
     pub accepted: Accepted,
     /// The features whose entries are left out.
     pub left_out: Features,
@@ -288,7 +288,7 @@ impl ViewList {
         let count = if only_seen { self.seen } else { self.entries.len() };
         let fogs = self.data.iter().zip(&self.entries).take(count);
         let fogs = fogs.filter(|(volume, _)| volume.kind == types::KIND_FOG);
-        let is_cached = |own: &Entry| own.cached_fog.is_some_and(|fog| fog.is_within_error);
+        let is_cached = |own: &Entry| own.cached_fog.is_some_and(|fog| fog.replaces_rays);
         [true, false].map(|cached| fogs.clone().any(|(_, own)| is_cached(own) == cached))
     }
 

@@ -117,7 +117,7 @@ impl Resolver<'_, '_> {
             quality: &settings.quality,
             accepted: Accepted {
                 error: cache_error(of, &settings),
-                scatters_once: !settings.camera.multiple_scattering,
+                single_scattering: !settings.camera.multiple_scattering,
             },
             left_out: settings.left_out,
         };
