@@ -246,8 +246,8 @@ pub(crate) const FEATURES: [Feature; 51] = [
         Features::UNCACHED_FOGS,
         &["VDB_UNCACHED_FOGS"],
         "fogs beside the cache",
-        "with the light cache, a fog is too dense or too large for it, it is full, or there are more \
-         than 8 fogs and emission grids",
+        "with the light cache, a fog is too dense or too large for it and rays are more accurate, it is \
+         full, or there are more than 8 fogs and emission grids",
     ),
     row(
         Features::LAMP_LIGHT,

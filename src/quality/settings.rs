@@ -71,8 +71,8 @@ pub struct VdbQuality {
     /// other fog on a view ray that meets it. If [`fog_shadow_step`](Self::fog_shadow_step) is at least
     /// twice the finest spacing that fits, the cache is used nevertheless, because it is more accurate.
     /// Fog on view rays that meet more than eight fogs or more than eight emission grids is also lit by
-    /// rays. Shadows of surfaces and meshes on fog are not interpolated; they are
-    /// evaluated once per `fog_light_step`.
+    /// rays. Shadows of surfaces and meshes on fog are not interpolated; they are evaluated once per
+    /// `fog_light_step`.
     pub fog_light_error: f32,
     /// The number of slabs into which a ray is divided where fogs overlap that are not in the light
     /// cache; within a slab, they are treated as evenly mixed and evenly lit. Reflections use a quarter

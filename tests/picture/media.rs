@@ -163,7 +163,8 @@ fn no_fire_is_lost_between_leaves() {
     }
 }
 
-/// Beyond eight fogs on a ray, and beside fog that is too dense for the cache, fog is lit by rays whose steps are short.
+/// Beyond eight fogs on a ray, and beside fog that is too dense for the cache, fog is lit by rays, if their steps are
+/// short.
 #[gpu_test]
 #[ignore = "slow: nine fogs in 100 slabs"]
 fn fogs_that_do_not_fit_are_lit_by_rays() {

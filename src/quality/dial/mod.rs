@@ -58,7 +58,8 @@ pub(crate) struct VdbDialState {
     frames: u32,
 }
 
-/// The marks of the dial, from the most accurate to the fastest. The later ones also trace fewer rays, which is the only saving for surfaces.
+/// The marks of the dial, from the most accurate to the fastest. The later ones also trace fewer rays,
+/// which is the only saving for surfaces.
 const DIAL: [VdbQuality; MARKS] = [
     VdbQuality::EXACT,
     VdbQuality::HIGH,

@@ -98,7 +98,7 @@ impl LightCacheView {
         self.drawn.take()
     }
 
-    /// Asks for lattices of suns for the view's fogs: those that replace rays, or the
+    /// Asks for lattices of suns for the view's fogs: those whose lattices replace rays, or the
     /// others. Returns whether there is room for them.
     pub(super) fn want_suns(
         &mut self,

@@ -75,7 +75,7 @@ impl CacheLayout {
 
 /// The accuracy that a camera asks of the light cache.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Accepted {
+pub(super) struct CacheAccuracy {
     /// The relative error of the radiance; 0 if the view does not use the cache.
     pub error: f32,
     /// Whether fog has single scattering: errors are larger then.
@@ -100,13 +100,13 @@ impl CachedFog {
     /// finest of those that are more accurate than rays to lights and take little memory or, failing these, of those at
     /// least a cell apart. `None` if the fog is empty or too large. `shadow_step` is that of rays to lights, in voxels.
     fn new(
-        accepted: Accepted,
+        accuracy: CacheAccuracy,
         extinction: Extinction,
         shadow_step: f32,
         lattice: &Lattice,
     ) -> Option<Self> {
         let occupied = lattice.occupied?;
-        let detail = Detail::new(accepted, extinction, lattice.cell_edge(), occupied);
+        let detail = Detail::new(accuracy, extinction, lattice.cell_edge(), occupied);
         let wanted = detail.spacing_log();
         let beats_rays = |log: i32| {
             extinction.shadow_largest.is_finite()
@@ -114,16 +114,16 @@ impl CachedFog {
         };
         // Rays through a ramp integrate it exactly, whatever their steps.
         let is_fallback = |layout: &CacheLayout| {
-            let samples: u64 = layout.samples.to_array().into_iter().map(u64::from).product();
-            let is_fine = lattice.ramp.is_none() && beats_rays(layout.log);
-            layout.log >= MIN_COARSE_LOG || (is_fine && samples <= MAX_FALLBACK_SAMPLES)
+            let is_small = layout.samples.as_u64vec3().element_product() <= MAX_FALLBACK_SAMPLES;
+            layout.log >= MIN_COARSE_LOG
+                || (is_small && lattice.ramp.is_none() && beats_rays(layout.log))
         };
         let layout = (wanted.unwrap_or(MIN_LOG)..=MAX_LOG)
             .filter_map(|log| CacheLayout::new(occupied, log))
             .find(|layout| wanted == Some(layout.log) || is_fallback(layout))?;
         Some(Self {
             layout,
-            error: accepted.error,
+            error: accuracy.error,
             step: with_ramp(detail.step(layout.log), lattice.steepness),
             replaces_rays: wanted == Some(layout.log) || beats_rays(layout.log),
         })
@@ -143,12 +143,14 @@ const RAY_STEP: f64 = 2.0;
 /// `docs/internals/notebook.md` has the measurements.
 const SPACING_ERROR: f64 = 2.0;
 const STEP_ERROR: f64 = 1.0;
-/// Errors of spacings and of steps relative to the second differences that they miss, typical of fogs of any
-/// roughness: single measurements exceed them by up to 60 %. That of spacings is for multiple, and for single scattering.
-const SPACING_DETAIL_ERROR: [f64; 2] = [0.08, 0.2];
+/// Errors of spacings relative to the second differences that they miss, with multiple and with single scattering, and
+/// errors of steps. They are typical of fogs of any roughness: some spacings were off by up to 1.6 times as much, and
+/// some steps in the roughest fog by twice as much.
+const SPACING_DETAIL_ERROR: f64 = 0.08;
+const SINGLE_SPACING_DETAIL_ERROR: f64 = 0.2;
 const STEP_DETAIL_ERROR: f64 = 1.25;
-/// With single scattering, the light of dense fog comes from the first part of a ray, so errors of fewer steps average
-/// out. A ray is taken to end at this optical depth, which covers all measured fogs but one.
+/// With single scattering, the light of dense fog comes from the first part of a ray, so there are fewer steps whose
+/// errors can average out. The ray is taken to end at this optical depth.
 const SEEN_DEPTH: f64 = 6.0;
 /// The part of the accepted error that the spacing may take.
 const SPACING_PART: f64 = 0.8;
@@ -169,10 +171,10 @@ struct Detail {
 }
 
 impl Detail {
-    fn new(accepted: Accepted, extinction: Extinction, cell: f64, occupied: CoordBox) -> Self {
+    fn new(accuracy: CacheAccuracy, extinction: Extinction, cell: f64, occupied: CoordBox) -> Self {
         let CoordBox { min, max } = occupied;
         let edge = (max.as_dvec3() - min.as_dvec3()).max_element() + 1.0;
-        let Accepted { error, single_scattering } = accepted;
+        let CacheAccuracy { error, single_scattering } = accuracy;
         Self { error: error.into(), single_scattering, extinction, cell, edge }
     }
 
@@ -189,7 +191,9 @@ impl Detail {
         let cells = spacing.max(1.0);
         let difference = self.cell * self.extinction.shadow_difference(cells);
         let missed = cells * difference * (spacing / cells).powi(2);
-        of_clouds.max(SPACING_DETAIL_ERROR[usize::from(self.single_scattering)] * missed)
+        let factor =
+            if self.single_scattering { SINGLE_SPACING_DETAIL_ERROR } else { SPACING_DETAIL_ERROR };
+        of_clouds.max(factor * missed)
     }
 
     /// log₂ of the largest spacing of samples, in cells, that keeps its part of the error; `None` if even the smallest
@@ -210,8 +214,11 @@ impl Detail {
         let Extinction { mean, largest, .. } = self.extinction;
         let fading = STEP_ERROR * self.cell * largest * step * step / self.edge;
         let by_size = 0.01 * (STEPS * step / self.edge).powi(2);
-        let seen = if self.single_scattering { SEEN_DEPTH / (self.cell * mean) } else { self.edge };
-        let seen = seen.min(self.edge);
+        let seen = if self.single_scattering {
+            (SEEN_DEPTH / (self.cell * mean)).min(self.edge)
+        } else {
+            self.edge
+        };
         let missed = self.extinction.difference(step / 2.0) / (4.0 * mean) * (step / seen).sqrt();
         // Without density, nothing is missed, and the mean is zero.
         let missed = if mean > 0.0 { STEP_DETAIL_ERROR * missed } else { 0.0 };
@@ -239,15 +246,15 @@ impl Detail {
     }
 }
 
-/// The samples in the light cache of each entry of a view's list: `None` for those that are no fog or do not fit, and for
-/// all if the accepted error is 0.
+/// The samples in the light cache of each entry of a view's list: `None` for those that are no fog or do not fit, and
+/// for all if the accepted error is 0.
 pub(super) fn find_cached_fogs(
-    accepted: Accepted,
+    accuracy: CacheAccuracy,
     volumes: &[types::Volume],
     lattices: &[&Lattice],
 ) -> Vec<Option<CachedFog>> {
     let mut found = vec![None; lattices.len()];
-    if accepted.error <= 0.0 {
+    if accuracy.error <= 0.0 {
         return found;
     }
     let entries = volumes.iter().zip(lattices).enumerate();
@@ -256,7 +263,7 @@ pub(super) fn find_cached_fogs(
     add_overlapping(&mut fogs);
     for fog in fogs {
         let (shadow_step, lattice) = (volumes[fog.entry].shadow_step, lattices[fog.entry]);
-        found[fog.entry] = CachedFog::new(accepted, fog.total, shadow_step, lattice);
+        found[fog.entry] = CachedFog::new(accuracy, fog.total, shadow_step, lattice);
     }
     found
 }
@@ -267,18 +274,18 @@ mod tests {
     use super::*;
 
     /// A relative error with multiple scattering.
-    fn multiple(error: f32) -> Accepted {
-        Accepted { error, single_scattering: false }
+    fn multiple(error: f32) -> CacheAccuracy {
+        CacheAccuracy { error, single_scattering: false }
     }
 
     /// log₂ of the spacing, and the step, for a fog whose longest edge has this many cells.
     fn of(
-        accepted: Accepted,
+        accuracy: CacheAccuracy,
         (volume, lattice): (types::Volume, Lattice),
         edge: f64,
     ) -> (Option<i32>, f32) {
         let extinction = FogBox::new(0, &volume, &lattice).unwrap().total;
-        let Accepted { error, single_scattering } = accepted;
+        let CacheAccuracy { error, single_scattering } = accuracy;
         let detail = Detail { error: error.into(), single_scattering, extinction, cell: 1.0, edge };
         let log = detail.spacing_log();
         (log, detail.step(log.unwrap_or(0)))
@@ -335,7 +342,7 @@ mod tests {
             let (volume, mut lattice) = fog(IVec3::ZERO, IVec3::splat(8), density);
             lattice.detail.mean = 0.5;
             lattice.detail.differences = [0.1, 0.2, 0.3].map(|difference| difference * roughness);
-            of(Accepted { error: 0.01, single_scattering }, (volume, lattice), 256.0)
+            of(CacheAccuracy { error: 0.01, single_scattering }, (volume, lattice), 256.0)
         };
         // The law of clouds is the same.
         assert_eq!(of(true, 0.02, 0.1), of(false, 0.02, 0.1));
@@ -412,6 +419,7 @@ mod tests {
         };
         let of = |edge, shadow_step| of_density(edge, 5.0, None, shadow_step);
         assert_eq!(of(32, 0.25), Some((0, false)));
+        assert_eq!([1.0, 2.0, 8.0].map(|step| of(64, step)), [Some((-2, true)); 3]);
         assert_eq!([0.5, 1.0, 8.0].map(|step| of(32, step)), [Some((-2, true)); 3]);
         // A quarter of a voxel would take too much memory, and half of one is not finer than half a step.
         assert_eq!([0.5, 1.0].map(|step| of(100, step)), [Some((0, false)), Some((-1, true))]);

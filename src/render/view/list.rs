@@ -7,7 +7,7 @@ use bevy::prelude::*;
 use bevy::render::sync_world::MainEntity;
 
 use super::auxiliary::{color_data, emission_data, world_from_index};
-use super::cached_fog::{Accepted, CachedFog, find_cached_fogs};
+use super::cached_fog::{CacheAccuracy, CachedFog, find_cached_fogs};
 use super::eye::Eye;
 use super::lattice::Lattice;
 use super::media::MediaSlots;
@@ -88,8 +88,8 @@ pub(super) struct EntryMaker<'a> {
     pub pool: &'a VdbTreePool,
     pub eye: Eye<'a>,
     pub quality: &'a VdbQuality,
-    /// The accepted error of light from the cache.
-    pub accepted: Accepted,
+    /// What is asked of light from the cache.
+    pub cache_accuracy: CacheAccuracy,
     /// The features whose entries are left out.
     pub left_out: Features,
 }
@@ -215,7 +215,7 @@ impl ViewList {
             }
         }
         let lattices: Vec<_> = entries.iter().map(|entry| &entry.lattice).collect();
-        let found = find_cached_fogs(maker.accepted, &data, &lattices);
+        let found = find_cached_fogs(maker.cache_accuracy, &data, &lattices);
         for (entry, cached_fog) in entries.iter_mut().zip(found) {
             entry.cached_fog = cached_fog;
         }
@@ -282,7 +282,7 @@ impl ViewList {
         MediaSlots::count(self.data.iter().take(count).map(|volume| volume.kind))
     }
 
-    /// Whether any fog can be in the light cache within the accepted error, and whether any cannot.
+    /// Whether the light cache takes the place of rays in any fog, and whether it does not in any.
     /// With `only_seen`, among the fogs in view.
     pub fn cached_fogs(&self, only_seen: bool) -> [bool; 2] {
         let count = if only_seen { self.seen } else { self.entries.len() };

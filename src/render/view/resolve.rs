@@ -17,7 +17,7 @@ use bevy::render::view::{ExtractedView, Msaa, RenderVisibleEntities, RenderVisib
 use vdb_core::view::ViewRays;
 
 use super::bvh;
-use super::cached_fog::Accepted;
+use super::cached_fog::CacheAccuracy;
 use super::eye::Eye;
 use super::key::ViewKey;
 use super::lights::{Lights, Surroundings};
@@ -115,7 +115,7 @@ impl Resolver<'_, '_> {
             pool: &self.pool,
             eye: Eye { rays: &rays, world_from_view, size: picture },
             quality: &settings.quality,
-            accepted: Accepted {
+            cache_accuracy: CacheAccuracy {
                 error: cache_error(of, &settings),
                 single_scattering: !settings.camera.multiple_scattering,
             },
