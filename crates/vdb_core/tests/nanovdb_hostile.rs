@@ -5,6 +5,7 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use rayon::prelude::*;
 use vdb_core::synth::Random;
 use vdb_core::tree::{IVec3, Vdb543};
 use vdb_core::{
@@ -106,6 +107,34 @@ fn originals() -> Vec<Vec<u8>> {
     originals
 }
 
+/// Files that are read at the same time as others, which bounds the memory that they take.
+const BATCH: u64 = 64;
+
+/// What became of a changed file.
+#[derive(Clone, Copy, PartialEq)]
+enum Outcome {
+    Read,
+    Refused,
+    Limited,
+    Panicked,
+}
+
+/// Reads a file and says how long that took.
+fn read(bytes: &[u8]) -> (Outcome, Duration) {
+    let start = Instant::now();
+    let result = std::panic::catch_unwind(|| VdbFile::read(bytes, &limits()).inspect(use_all));
+    let outcome = match result {
+        Ok(Ok(_)) => Outcome::Read,
+        Ok(Err(Error::LimitExceeded { .. })) => Outcome::Limited,
+        Ok(Err(error)) => {
+            assert!(!error.to_string().is_empty());
+            Outcome::Refused
+        }
+        Err(_) => Outcome::Panicked,
+    };
+    (outcome, start.elapsed())
+}
+
 /// Reads `count` changed files.
 fn change_and_read(count: u64) {
     let number = |name: &str| std::env::var(name).ok().and_then(|text| text.parse::<u64>().ok());
@@ -118,29 +147,30 @@ fn change_and_read(count: u64) {
     }
     let aims: Vec<_> = originals.iter().map(|bytes| aims(bytes)).collect();
     let mut random = Random::new(seed);
-    let (mut read, mut refused, mut limited) = (0, 0, 0);
-    let mut slowest = Duration::ZERO;
-    for round in 0..count {
-        let which = random.below(originals.len() as u64) as usize;
-        let mut bytes = originals[which].clone();
-        mutate(&mut random, &mut bytes, &aims[which]);
-        let start = Instant::now();
-        let result = std::panic::catch_unwind(|| VdbFile::read(&bytes, &limits()).inspect(use_all));
-        slowest = slowest.max(start.elapsed());
-        match result {
-            Ok(Ok(_)) => read += 1,
-            Ok(Err(Error::LimitExceeded { .. })) => limited += 1,
-            Ok(Err(error)) => {
-                assert!(!error.to_string().is_empty());
-                refused += 1;
-            }
-            Err(_) => {
+    let mut outcomes = Vec::new();
+    for first in (0..count).step_by(BATCH as usize) {
+        // In turn, so that a seed gives the same files on any number of threads.
+        let changed = |_| {
+            let which = random.below(originals.len() as u64) as usize;
+            let mut bytes = originals[which].clone();
+            mutate(&mut random, &mut bytes, &aims[which]);
+            bytes
+        };
+        let files: Vec<_> = (first..count.min(first + BATCH)).map(changed).collect();
+        let found: Vec<_> = files.par_iter().map(|bytes| read(bytes)).collect();
+        for (round, (bytes, (outcome, _))) in (first..).zip(files.iter().zip(&found)) {
+            if *outcome == Outcome::Panicked {
                 let path = std::env::temp_dir().join(format!("nvdb-harm-{seed}-{round}.nvdb"));
-                std::fs::write(&path, &bytes).unwrap();
+                std::fs::write(&path, bytes).unwrap();
                 panic!("seed {seed}, round {round}: see {}", path.display());
             }
         }
+        outcomes.extend(found);
     }
+    let number_of = |own| outcomes.iter().filter(|(outcome, _)| *outcome == own).count() as u64;
+    let [read, refused, limited] =
+        [Outcome::Read, Outcome::Refused, Outcome::Limited].map(number_of);
+    let slowest = outcomes.iter().map(|(_, time)| *time).max().unwrap_or_default();
     println!("{read} read, {refused} refused, {limited} over a limit; slowest {slowest:?}");
     // Changes to values are read, changes to structure are not: both must have been tried.
     assert!(read > count / 20 && refused > count / 20, "{read} read, {refused} refused");
