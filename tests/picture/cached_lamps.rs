@@ -274,8 +274,8 @@ fn lamps_out_of_reach_and_beyond_the_cache_are_right() {
     assert!(report.has("light cache") && !has_atlas, "{report:?}");
 
     // Few voxels, for the loops of lavapipe.
-    let ball = scene.stage.ball_of_fog(8.0, 4.0);
-    let large = Transform::from_scale(Vec3::splat(4.0));
+    let ball = scene.stage.ball_of_fog(6.0, 3.0);
+    let large = Transform::from_scale(Vec3::splat(16.0 / 3.0));
     scene.stage.world().entity_mut(cloud).insert((VdbVolume(ball), large));
     for i in 0..33 {
         let at = Vec3::new(i as f32 / 4.0 - 4.0, 4.6, 1.0);

@@ -108,7 +108,7 @@ fn reflections_are_smoother() {
 #[gpu_test]
 #[ignore = "slow: means of many frames"]
 fn reflections_are_smoother_whatever_the_roughness() {
-    check_grain(&[0.2, 0.6], 128, 2);
+    check_grain(&[0.2, 0.6], 64, 2);
 }
 
 /// While the camera moves by half a pixel, single frames change little more than means of many do.
