@@ -342,7 +342,7 @@ fn grain_is_evened_out() {
             stage.world().entity_mut(camera).insert(on);
             film(&mut stage, &target, camera, frames + 1).remove(frames)
         };
-        let (_, expected) = mean_of(16, 255);
+        let (_, expected) = mean_of(16, 127);
         expected.save(&format!("accumulate_{what}"));
         // Both are means of as many frames, so that edges are alike.
         let errors = [4, 16, 64].map(|frames| {
