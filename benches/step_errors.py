@@ -5,8 +5,8 @@ root mean square of optical depth, for steps of several lengths in voxels. Rays 
 middle 70 % of the box along each axis, within a few degrees of the directions named; density is interpolated
 trilinearly, and the reference is the same sum with steps of 1/24 voxel. The column "formula" is
 1.25 D(s/2) / (4 m) sqrt(s / n), one of the terms of the step's error in src/render/view/cached_fog.rs, with D measured
-between adjacent voxels and scaled to shorter distances. The last row has the factor from these errors to those
-relative to the mean optical depth of the rays that meet density.
+between adjacent voxels and scaled to shorter distances. The last row has the factor that makes these errors
+relative to the mean optical depth of the rays that meet density, and counts those rays only.
 
 Needs numpy and pyopenvdb; on Debian: apt-get install python3-numpy python3-openvdb
 """

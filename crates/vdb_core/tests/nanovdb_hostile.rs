@@ -107,7 +107,7 @@ fn originals() -> Vec<Vec<u8>> {
     originals
 }
 
-/// Files that are read at the same time as others, which bounds the memory that they take.
+/// Changed files in memory at once, which are then read on all cores.
 const BATCH: u64 = 64;
 
 /// What became of a changed file.
@@ -119,7 +119,7 @@ enum Outcome {
     Panicked,
 }
 
-/// Reads a file and says how long that took.
+/// Reads a file. Also returns how long that took.
 fn read(bytes: &[u8]) -> (Outcome, Duration) {
     let start = Instant::now();
     let result = std::panic::catch_unwind(|| VdbFile::read(bytes, &limits()).inspect(use_all));
