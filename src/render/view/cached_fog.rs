@@ -145,13 +145,13 @@ const SPACING_ERROR: f64 = 2.0;
 const STEP_ERROR: f64 = 1.0;
 /// Errors of spacings relative to the second differences that they miss, with multiple and with single scattering, and
 /// errors of steps. They are typical of fogs of any roughness: some spacings were off by up to 1.6 times as much, and
-/// some steps in the roughest fog by twice as much.
+/// some steps by up to 1.2 times.
 const SPACING_DETAIL_ERROR: f64 = 0.08;
 const SINGLE_SPACING_DETAIL_ERROR: f64 = 0.2;
-const STEP_DETAIL_ERROR: f64 = 1.25;
+const STEP_DETAIL_ERROR: f64 = 0.72;
 /// With single scattering, the light of dense fog comes from the first part of a ray, so there are fewer steps whose
 /// errors can average out. The ray is taken to end at this optical depth.
-const SEEN_DEPTH: f64 = 6.0;
+const SEEN_DEPTH: f64 = 2.0;
 /// The part of the accepted error that the spacing may take.
 const SPACING_PART: f64 = 0.8;
 /// Steps of a ray along the longest edge of a fog, however thin and smooth, for a relative error of 1 %.
@@ -207,21 +207,20 @@ impl Detail {
     ///
     /// Where light fades, it follows the same law as that of spacings. Along a whole ray, the error is that of the
     /// optical depth: the mean of a step differs from its middle by a quarter of the second difference over half its
-    /// length, and the differences of steps are taken to be independent, so that they add up by their squares. A ray
-    /// sees fewer of them in dense fog with single scattering. In smooth fog, neither would keep steps from
-    /// becoming a large part of the fog.
+    /// length, and the differences of steps are taken to be independent, so that they add up by their squares. Steps
+    /// through empty voxels do not count. A ray sees fewer steps in dense fog with single scattering. In smooth fog,
+    /// neither would keep steps from becoming a large part of the fog.
     fn step_error(&self, step: f64) -> f64 {
-        let Extinction { mean, largest, .. } = self.extinction;
+        let Extinction { mean, filled, largest, .. } = self.extinction;
         let fading = STEP_ERROR * self.cell * largest * step * step / self.edge;
         let by_size = 0.01 * (STEPS * step / self.edge).powi(2);
-        let seen = if self.single_scattering {
-            (SEEN_DEPTH / (self.cell * mean)).min(self.edge)
-        } else {
-            self.edge
-        };
+        let mut seen = filled * self.edge;
+        if self.single_scattering {
+            seen = seen.min(SEEN_DEPTH / (self.cell * mean));
+        }
         let missed = self.extinction.difference(step / 2.0) / (4.0 * mean) * (step / seen).sqrt();
         // Without density, nothing is missed, and the mean is zero.
-        let missed = if mean > 0.0 { STEP_DETAIL_ERROR * missed } else { 0.0 };
+        let missed = if mean * seen > 0.0 { STEP_DETAIL_ERROR * missed } else { 0.0 };
         fading.max(by_size).max(missed)
     }
 
@@ -270,6 +269,8 @@ pub(super) fn find_cached_fogs(
 
 #[cfg(test)]
 mod tests {
+    use vdb_core::pack::FogDetail;
+
     use super::super::extinction::tests::fog;
     use super::*;
 
@@ -334,6 +335,27 @@ mod tests {
         let (spacing, step) = of(10.0);
         assert!(spacing == Some(0) && (1.0..2.0).contains(&step), "{spacing:?} {step}");
         assert!(of(20.0).1 < step && of(5.0).1 > step);
+    }
+
+    #[test]
+    fn fogs_with_holes_have_shorter_steps() {
+        let of = |filled, density| {
+            let (volume, mut lattice) = fog(IVec3::ZERO, IVec3::splat(8), density);
+            lattice.detail = FogDetail { differences: [0.6, 0.7, 0.8], mean: 0.5, filled };
+            [false, true].map(|single_scattering| {
+                let accuracy = CacheAccuracy { error: 0.01, single_scattering };
+                of(accuracy, (volume, lattice), 64.0).1
+            })
+        };
+        let [half, holes] = [0.5, 0.125].map(|filled| of(filled, 0.02));
+        // Below a voxel, errors grow by the square of the step.
+        let ratio = 4_f32.powf(0.25);
+        for (half, holes) in half.into_iter().zip(holes) {
+            assert!((0.97..1.03).contains(&(half / holes / ratio)), "{half} {holes}");
+        }
+        // A ray sees the same voxels of dense fog, which are before any hole.
+        let [whole, holes] = [1.0, 0.5].map(|filled| of(filled, 0.4));
+        assert!(whole[0] > holes[0] && whole[1] == holes[1], "{whole:?} {holes:?}");
     }
 
     #[test]

@@ -56,7 +56,11 @@ impl Lattice {
             world_from_local,
             occupied: Some(occupied),
             majorant,
-            detail: FogDetail { differences: [1.0, 3.0, 6.0].map(|d| d / 64.0), mean: 0.5 },
+            detail: FogDetail {
+                differences: [1.0, 3.0, 6.0].map(|d| d / 64.0),
+                mean: 0.5,
+                filled: 0.28,
+            },
             steepness: 1.0,
             ramp: None,
             material: None,
