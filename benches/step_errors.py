@@ -4,9 +4,9 @@ Prints a table for the grid `density` of each file: the error (root mean square)
 root mean square of optical depth, for steps of several lengths in voxels. Rays pass through random points in the
 middle 70 % of the box along each axis, within a few degrees of the directions named; density is interpolated
 trilinearly, and the reference is the same sum with steps of 1/24 voxel. The column "formula" is
-0.72 D(s/2) / (4 m) sqrt(s / (f n)), one of the terms of the step's error in src/render/view/cached_fog.rs, with D
-measured between adjacent voxels and scaled to shorter distances. The last row has the factor that makes these errors
-relative to the mean optical depth of the rays that meet density, and counts those rays only.
+1.25 D(s/2) / (4 m) sqrt(s / n) of docs/internals/notebook.md, "Rough fogs", with D measured between adjacent voxels and
+scaled to shorter distances. The last row has the factor that makes these errors relative to the mean optical depth of
+the rays that meet density, and counts those rays only.
 
 Needs numpy and pyopenvdb; on Debian: apt-get install python3-numpy python3-openvdb
 """
@@ -85,7 +85,7 @@ def errors(values, direction, random):
 
 
 def formula(values, step):
-    """The error from details that steps of at most two voxels miss, as the plan of steps has it, in per cent."""
+    """The error from details that steps of at most two voxels miss, in per cent."""
     inner = values[1:-1, 1:-1, 1:-1]
     is_dense = inner > 0
     differences = [
@@ -95,8 +95,7 @@ def formula(values, step):
     distance = step / 2
     difference = root_mean_square(np.concatenate(differences)) * distance**1.5
     longest = max(values.shape) - 4
-    seen = is_dense[1:-1, 1:-1, 1:-1].mean() * longest
-    return 100 * 0.72 * difference / (4 * inner[is_dense].mean()) * np.sqrt(step / seen)
+    return 100 * 1.25 * difference / (4 * inner[is_dense].mean()) * np.sqrt(step / longest)
 
 
 def main():

@@ -35,11 +35,9 @@ impl Differences {
 /// The extinctions that rays meet in a fog, per world unit, for view rays and for rays to lights.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Extinction {
-    /// The mean over voxels that are not empty, plus that of each other fog times the fraction of these voxels in which
-    /// it is not empty either.
+    /// The mean over voxels that are not empty, plus that of each other fog times the fraction of this fog's box that
+    /// it overlaps.
     pub mean: f64,
-    /// The part of the fog's box that is not empty.
-    pub filled: f64,
     /// The largest, for view rays: the root of the sum of squares over all fogs. Errors of steps come from details that
     /// a step misses, and details of different fogs are taken to be independent.
     pub largest: f64,
@@ -86,8 +84,7 @@ impl FogBox {
         let largest = f64::from(volume.density_scale) * f64::from(lattice.majorant);
         let mean = largest * f64::from(lattice.detail.mean);
         let differences = Differences(lattice.detail.differences.map(|d| largest * f64::from(d)));
-        let filled = lattice.detail.filled.into();
-        let mut own = Extinction { mean, filled, largest, differences, ..Extinction::default() };
+        let mut own = Extinction { mean, largest, differences, ..Extinction::default() };
         if volume.flags & types::NO_CASTER == 0 {
             own = Extinction { shadow_largest: largest, shadow_differences: differences, ..own };
         }
@@ -104,16 +101,13 @@ impl FogBox {
         let overlap = self.max.min(other.max) - self.min.max(other.min);
         let fraction = (overlap / (self.max - self.min)).element_product();
         let weight = fraction.sqrt();
-        // In steps, each fog counts for the voxels in which it is. Where the other one is between the voxels of this
-        // one, it would count more.
-        let met = fraction * (other.own.filled / self.own.filled).min(1.0);
-        self.total.mean += met * other.own.mean;
+        self.total.mean += fraction * other.own.mean;
         self.total.largest = self.total.largest.hypot(weight * other.own.largest);
         self.total.shadow_largest += weight * other.own.shadow_largest;
         for (i, cells) in [1.0, 2.0, 4.0].into_iter().enumerate() {
             let distance = cells * self.cell / other.cell;
             let own = &mut self.total.differences.0[i];
-            *own = own.hypot(met.sqrt() * other.own.difference(distance));
+            *own = own.hypot(weight * other.own.difference(distance));
             self.total.shadow_differences.0[i] += weight * other.own.shadow_difference(distance);
         }
     }
@@ -249,24 +243,6 @@ pub(super) mod tests {
             }
             assert_eq!(totals(&apart(axis)[..2]), [[0.25; 2], [0.5; 2]]);
         }
-    }
-
-    #[test]
-    fn fogs_count_where_they_are_filled() {
-        let of = |filled| {
-            let (volume, mut lattice) = fog(IVec3::ZERO, IVec3::splat(64), 0.5);
-            lattice.detail.filled = filled;
-            (volume, lattice)
-        };
-        let [dense, holes] = combined(&[of(0.5), of(0.125)])[..] else { panic!() };
-        // Each has a mean of 0.25 where it is. In the first, the second one fills a quarter of what is filled; in the
-        // second, no more than all.
-        assert_eq!([dense.mean, holes.mean], [0.25 * 1.25, 0.5]);
-        assert_eq!([dense.filled, holes.filled], [0.5, 0.125]);
-        let differences = |fog: Extinction| fog.differences.0[0] / (0.5 / 64.0);
-        let near = |found: f64, squares: f64| assert!((found - squares.sqrt()).abs() < 1e-12);
-        near(differences(dense), 1.25);
-        near(differences(holes), 2.0);
     }
 
     #[test]

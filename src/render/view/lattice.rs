@@ -59,7 +59,7 @@ impl Lattice {
             detail: FogDetail {
                 differences: [1.0, 3.0, 6.0].map(|d| d / 64.0),
                 mean: 0.5,
-                filled: 0.28,
+                thickness: 144.0,
             },
             steepness: 1.0,
             ramp: None,

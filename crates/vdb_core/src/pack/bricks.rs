@@ -9,8 +9,7 @@ use super::grid::{GridHeader, PackedGrid};
 use super::layout::*;
 use super::options::{Packing, Stage};
 use super::values::{self, Steps, Stored};
-use super::{PackError, PackKind};
-use crate::tree::CoordBox;
+use super::{PackError, PackKind, thickness};
 
 /// Samples `x·90 + y·10 + z` of a leaf-sized cube and of its neighbours on the high side.
 pub(super) type Brick = [f32; BRICK_VALUES];
@@ -96,50 +95,16 @@ const MEASURED: u32 = 256;
 /// A grid with its detail, if it is a fog. Its words must be complete and not have been edited.
 pub(super) fn with_detail(mut grid: PackedGrid) -> PackedGrid {
     if grid.kind == PackKind::Fog {
-        let leaves = leaf_count(&grid.header);
+        let GridHeader { samples, palette, brick_words, .. } = grid.header;
+        let leaves = (palette - samples) / brick_words;
         // Odd, because leaves are in the order of slots, 16 along each axis of a lower node.
         let stride = leaves.div_ceil(MEASURED) as usize | 1;
         let bricks = (0..leaves).step_by(stride).map(|leaf| cells::brick(&grid, leaf));
-        let of_leaves = FogDetail::of(bricks, grid.majorant);
-        grid.detail = FogDetail { filled: filled_part(&grid, of_leaves.filled), ..of_leaves };
+        let (detail, filled) = FogDetail::of(bricks, grid.majorant);
+        let voxels = filled * f64::from(leaves) * LEAF_VALUES as f64;
+        grid.detail = FogDetail { thickness: thickness::measure(&grid, voxels), ..detail };
     }
     grid
-}
-
-/// The leaves of a fog.
-fn leaf_count(header: &GridHeader) -> u32 {
-    (header.palette - header.samples) / header.brick_words
-}
-
-/// The part of a fog's box that is not empty, given that of its leaves.
-fn filled_part(grid: &PackedGrid, of_leaves: f32) -> f32 {
-    let Some(CoordBox { min, max }) = grid.occupied else { return 0.0 };
-    let header = &grid.header;
-    let section = |first: u32, end: u32| &grid.words[first as usize..end as usize];
-    let is_filled_tile = |word: u32| {
-        word & (CHILD | OCCUPIED) == OCCUPIED && (word & BOUNDARY == 0 || word & FILLED != 0)
-    };
-    let in_leaves = f64::from(leaf_count(header)) * f64::from(of_leaves);
-    let lower_nodes = section(header.lower_nodes, header.masks).par_chunks(LOWER_WORDS);
-    let tiles_of = |words: &[u32]| words.iter().filter(|word| is_filled_tile(**word)).count();
-    let mut voxels =
-        (in_leaves + lower_nodes.map(tiles_of).sum::<usize>() as f64) * LEAF_VALUES as f64;
-    let top = section(header.top, header.heads);
-    let mut levels = vec![0; top.len() / TOP_WORDS];
-    levels[0] = header.top_levels - 1;
-    // Children come after their parents.
-    for (number, words) in top.chunks_exact(TOP_WORDS).enumerate() {
-        let level = levels[number];
-        for word in words {
-            if is_filled_tile(*word) {
-                voxels += f64::from(3 * (LOWER_BITS + 2 * level)).exp2();
-            } else if word & CHILD != 0 && level > 0 {
-                levels[(word & PAYLOAD) as usize] = level - 1;
-            }
-        }
-    }
-    let all = (max.as_dvec3() - min.as_dvec3() + 1.0).element_product();
-    (voxels / all).min(1.0) as f32
 }
 
 /// Whether all densities of leaves and tiles, multiplied by `factor`, are exact in 16 bits.

@@ -9,29 +9,34 @@ const DISTANCES: [usize; 3] = [1, 2, 4];
 
 /// How much the densities of a fog change from voxel to voxel, which decides how densely they and the light in them
 /// have to be sampled. Measured in up to 256 leaves when a grid is packed as a whole, or read; densities are
-/// relative to [`PackedGrid::majorant`](super::PackedGrid::majorant). Tiles count only for the part that is filled.
-/// Differences across leaves do not count, but for those with the next voxels on the high sides. Surfaces and fogs
-/// without leaves have the detail of an even fog: no differences, a mean of 1, and no holes.
+/// relative to [`PackedGrid::majorant`](super::PackedGrid::majorant). Differences across leaves do not count, but for
+/// those with the next voxels on the high sides. In fogs without leaves, only the thickness is measured; they and
+/// surfaces have the differences and the mean of an even fog.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FogDetail {
     /// The second differences `v(i - h) - 2 v(i) + v(i + h)` at distances `h` of 1, 2 and 4 voxels along the axes: the
-    /// root of their mean square over voxels `i` that are not empty.
+    /// root of their mean square over voxels `i` of leaves that are not empty.
     pub differences: [f32; 3],
     /// The mean density of these voxels.
     pub mean: f32,
-    /// The part of [`PackedGrid::occupied`](super::PackedGrid::occupied) that is not empty, 0 to 1.
-    pub filled: f32,
+    /// The mean number of voxels that are not empty on a line along an axis, over the lines that pass through leaves
+    /// or tiles; the largest of the three axes. 0 for surfaces.
+    pub thickness: f32,
 }
 
 impl FogDetail {
-    /// Of a fog without leaves: the same density everywhere.
-    pub(super) const EVEN: Self = Self { differences: [0.0; 3], mean: 1.0, filled: 1.0 };
+    /// The same density everywhere.
+    pub(super) const EVEN: Self = Self { differences: [0.0; 3], mean: 1.0, thickness: 0.0 };
 
-    /// Measures the bricks of leaves. What is filled is the part of these leaves.
-    pub(super) fn of(bricks: impl Iterator<Item = [f32; BRICK_VALUES]>, majorant: f32) -> Self {
+    /// Measures the bricks of leaves, but not the thickness. Also returns the fraction of their voxels that are not
+    /// empty.
+    pub(super) fn of(
+        bricks: impl Iterator<Item = [f32; BRICK_VALUES]>,
+        majorant: f32,
+    ) -> (Self, f64) {
         let mut sums = Sums::default();
         bricks.for_each(|brick| sums.add(&brick));
-        sums.relative_to(majorant)
+        (sums.relative_to(majorant), sums.filled())
     }
 }
 
@@ -82,8 +87,12 @@ impl Sums {
             relative((self.squares[i] / self.differences[i].max(1) as f64).sqrt(), 2.0)
         });
         let mean = relative(self.densities / self.voxels as f64, 1.0);
-        let filled = (self.voxels as f64 / (self.leaves as f64 * LEAF_VALUES as f64)) as f32;
-        FogDetail { differences, mean, filled }
+        FogDetail { differences, mean, ..FogDetail::EVEN }
+    }
+
+    /// The fraction of the voxels that are not empty.
+    fn filled(&self) -> f64 {
+        self.voxels as f64 / (self.leaves.max(1) as f64 * LEAF_VALUES as f64)
     }
 }
 
@@ -101,7 +110,7 @@ mod tests {
         let brick = std::array::from_fn(|i| {
             density(IVec3::from_array([i / 90, i / 10 % 9, i % 10].map(|axis| axis as i32)))
         });
-        FogDetail::of([brick].into_iter(), majorant)
+        FogDetail::of([brick].into_iter(), majorant).0
     }
 
     #[test]
@@ -131,14 +140,13 @@ mod tests {
                 assert!((a / b - 1.0).abs() < 0.02, "{full:?} {other:?}");
             }
             assert!((full.mean / other.mean - 1.0).abs() < 0.01, "{full:?} {other:?}");
-            assert!((full.filled / other.filled - 1.0).abs() < 0.01, "{full:?} {other:?}");
+            assert!((full.thickness / other.thickness - 1.0).abs() < 0.01, "{full:?} {other:?}");
         }
         let tile = fog::block(CoordBox { min: IVec3::ZERO, max: IVec3::splat(127) }, 2.0);
-        // With the cells at the low faces of the tile, its box is a cell larger.
-        let filled = (128.0_f32 / 129.0).powi(3);
-        for (even, filled) in [(tile, filled), (Vdb543::new(0.0), 0.0)] {
-            let packed = PackedGrid::new(&even, PackKind::Fog).unwrap();
-            assert_eq!(packed.detail, FogDetail { filled, ..FogDetail::EVEN });
+        for (even, thickness) in [(tile, 128.0), (Vdb543::new(0.0), 0.0)] {
+            let detail = PackedGrid::new(&even, PackKind::Fog).unwrap().detail;
+            assert_eq!(FogDetail { thickness: 0.0, ..detail }, FogDetail::EVEN);
+            assert!((detail.thickness - thickness).abs() < 10.0, "{detail:?}");
         }
     }
 
@@ -164,34 +172,6 @@ mod tests {
     #[test]
     fn empty_voxels_do_not_count() {
         let alone = detail(|at| if at == IVec3::splat(4) { 3.0 } else { 0.0 }, 3.0);
-        assert_eq!(alone, FogDetail { differences: [2.0; 3], mean: 1.0, filled: 1.0 / 512.0 });
-    }
-
-    #[test]
-    fn what_is_filled_includes_tiles_of_all_sizes() {
-        let of = |tree: &Vdb543<f32>| PackedGrid::new(tree, PackKind::Fog).unwrap();
-        let near = |tree: &Vdb543<f32>, voxels: f64| {
-            let packed = of(tree);
-            let filled = f64::from(packed.detail.filled);
-            let CoordBox { min, max } = packed.occupied.unwrap();
-            let expected = voxels / (max - min + 1).as_dvec3().element_product();
-            assert!((filled / expected - 1.0).abs() < 0.03, "{filled} of {expected}");
-        };
-        // A block with tiles of 8³ inside and leaves around them, and one voxel far away.
-        let boxed =
-            |min: i32, max: i32| CoordBox { min: IVec3::splat(min), max: IVec3::splat(max) };
-        let mut block = fog::block(boxed(3, 83), 0.5);
-        near(&block, 81f64.powi(3));
-        block.set(IVec3::new(100, 300, 3), 0.5);
-        near(&block, 81f64.powi(3));
-        // One with a tile of 128³, and one of 4096³.
-        near(&fog::block(boxed(120, 260), 0.5), 141f64.powi(3));
-        let mut large = Vdb543::new(0.0);
-        large.insert_tile(IVec3::ZERO, 0.5, true);
-        large.set(IVec3::new(8191, 0, 0), 0.5);
-        near(&large, 4096f64.powi(3));
-        // Half of the voxels in a checkerboard.
-        let checkered = |at: IVec3| if at.element_sum() & 1 == 0 { 1.0 } else { 0.0 };
-        near(&fog::from_values(boxed(0, 63), checkered), 32.0 * 64.0 * 64.0);
+        assert_eq!(alone, FogDetail { differences: [2.0; 3], mean: 1.0, thickness: 0.0 });
     }
 }

@@ -42,6 +42,7 @@ mod region;
 pub(crate) mod sections;
 mod skips;
 mod spare;
+mod thickness;
 mod top_tree;
 pub mod traverse;
 mod values;
