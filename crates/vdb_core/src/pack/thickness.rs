@@ -110,7 +110,7 @@ struct Shadows {
     /// For each axis, and each place of lower nodes in the plane across it, the 16×16 columns of leaves that are not
     /// empty.
     columns: [HashMap<[i32; 2], [u16; 16]>; 3],
-    /// Lines through tiles larger than a lower node, as if none was behind another.
+    /// Lines through tiles larger than a lower node, as if none were behind another.
     large: f64,
     /// Voxels of tiles.
     voxels: f64,
@@ -190,7 +190,7 @@ mod tests {
     fn a_sheet_thinner_than_a_leaf_counts_as_a_part_of_it() {
         let sheet = boxed(IVec3::new(0, 0, 7), IVec3::new(63, 39, 7));
         let edge = |at: IVec3| 1.0 - 1e-4 * at.x as f32;
-        // As if it was as wide as a leaf.
+        // As if it were as wide as a leaf.
         near(thickness(&fog::from_values(sheet, edge)), 64.0 / 8.0);
     }
 
@@ -217,7 +217,7 @@ mod tests {
     fn large_tiles_count_and_nothing_has_no_thickness() {
         let mut large = Vdb543::new(0.0);
         large.insert_tile(IVec3::ZERO, 0.5, true);
-        // Tiles of 2048³, which are not told from those behind them.
+        // Tiles of 2048³: lines through two of them count twice.
         near(thickness(&large), 2048.0);
         assert_eq!(thickness(&Vdb543::new(0.0)), 0.0);
     }
