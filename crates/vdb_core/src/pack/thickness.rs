@@ -23,13 +23,14 @@ pub(super) fn measure(grid: &PackedGrid, voxels: f64) -> f32 {
     let masks = section(header.masks, header.samples).as_chunks::<LEAF_MASK_WORDS>().0;
     let heads = section(header.heads, header.lower_nodes).par_iter();
     let lower_nodes = section(header.lower_nodes, header.masks).par_chunks(LOWER_WORDS).zip(heads);
+    let inside = inside();
     let read = |(words, head): (&[u32], &u32)| {
         let mut chunk = Chunk::default();
         let mut tiles = 0;
         for (slot, &word) in words.iter().enumerate() {
             let counts = if word & CHILD != 0 {
                 let leaf = head + (word & ((1 << LEAF_NUMBER_BITS) - 1));
-                has_voxels(&masks[leaf as usize])
+                has_voxels(&masks[leaf as usize], &inside)
             } else {
                 tiles += usize::from(is_filled(word));
                 is_filled(word)
@@ -53,28 +54,23 @@ fn is_filled(word: u32) -> bool {
     word & (CHILD | OCCUPIED) == OCCUPIED && (word & BOUNDARY == 0 || word & FILLED != 0)
 }
 
-/// Whether a leaf has voxels that are not empty. Other leaves have cells between such voxels of their neighbours only, all
-/// of them along the high faces. A voxel that is not empty also occupies a cell of its own leaf that is not.
-fn has_voxels(mask: &[u32; LEAF_MASK_WORDS]) -> bool {
-    mask.iter().zip(&INSIDE).any(|(word, inside)| word & inside != 0)
+/// Whether a leaf has voxels that are not empty.
+///
+/// Such a voxel also occupies a cell [`inside`] its leaf. Leaves without one have cells along their high faces only, for
+/// voxels of their neighbours.
+fn has_voxels(mask: &[u32; LEAF_MASK_WORDS], inside: &[u32; LEAF_MASK_WORDS]) -> bool {
+    mask.iter().zip(inside).any(|(word, inside)| word & inside != 0)
 }
 
 /// The mask of the cells of a leaf that are not along its high faces.
-const INSIDE: [u32; LEAF_MASK_WORDS] = {
+fn inside() -> [u32; LEAF_MASK_WORDS] {
     let mut words = [0; LEAF_MASK_WORDS];
-    let mut bit = 0;
-    while bit < 512 {
-        let (block, within) = (bit / 64, bit % 64);
-        let x = block / 4 * 4 + within / 16;
-        let y = block / 2 % 2 * 4 + within / 4 % 4;
-        let z = block % 2 * 4 + within % 4;
-        if x < 7 && y < 7 && z < 7 {
-            words[bit / 32] |= 1 << (bit % 32);
-        }
-        bit += 1;
+    for cell in 0..7 * 7 * 7 {
+        let (word, bit) = mask_bit(IVec3::new(cell / 49, cell / 7 % 7, cell % 7));
+        words[word] |= 1 << bit;
     }
     words
-};
+}
 
 /// A tile of the top-level tree. Its place is that of its slot at its level.
 struct Tile {
