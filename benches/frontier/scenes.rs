@@ -261,9 +261,7 @@ impl Scene {
                         }
                     }
                     for fog_light_error in [0.001, 0.003, 0.01, 0.02, 0.05, 0.1] {
-                        for fog_step in [0.0, 2.0] {
-                            add(VdbQuality { fog_light_error, fog_step, ..base });
-                        }
+                        add(VdbQuality { fog_light_error, ..base });
                     }
                 }
             }

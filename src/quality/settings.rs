@@ -50,7 +50,7 @@ pub struct VdbQuality {
     pub denoise: bool,
     /// The distance in voxels between density samples of evenly lit fog (no lamps nearby, no
     /// shadows) that overlaps no other. From ¼ to 16; 0, the default, integrates exactly, cell by
-    /// cell. In fog lit by the light cache, it is the shortest step.
+    /// cell. In fog lit by the light cache, steps follow [`fog_light_error`](Self::fog_light_error) instead.
     pub fog_step: f32,
     /// The length in voxels of the stretches of a ray through fog that share one lighting sample,
     /// where light varies; four times as long in reflections. With the light cache, it applies only to
@@ -63,8 +63,8 @@ pub struct VdbQuality {
     pub fog_shadow_step: f32,
     /// The light cache: the accepted relative error of radiance in fog lit by lights with shadows.
     /// Optical depths towards these lights are then computed once, on a lattice as coarse as the error
-    /// permits, and interpolated along view rays, instead of sending rays to the lights. From 0 to 1,
-    /// 0.01 by default; 0 turns the cache off.
+    /// permits, and interpolated along view rays, whose steps follow from the error as well, instead of
+    /// sending rays to the lights. From 0 to 1, 0.01 by default; 0 turns the cache off.
     ///
     /// The error is estimated from the extinction, the number of voxels, and how much densities change from
     /// voxel to voxel. Fog that is too dense or too large for the cache is lit by rays, along with all

@@ -182,7 +182,7 @@ impl LightCacheView {
             volume.light_origin = layout.origin.to_array();
             volume.light_planes = layout.samples.z;
             volume.light_scale = layout.spacing().recip() as f32;
-            volume.fog_step = volume.fog_step.max(*step);
+            volume.fog_step = *step;
         }
         for (i, key) in &self.lattices {
             let Some(lattice) = cache.lattices.get(key) else { continue };
