@@ -63,8 +63,8 @@ pub struct VdbQuality {
     pub fog_shadow_step: f32,
     /// The light cache: the accepted relative error of radiance in fog lit by lights with shadows.
     /// Optical depths towards these lights are then computed once, on a lattice as coarse as the error
-    /// permits, and interpolated along view rays, whose steps follow from the error as well, instead of
-    /// sending rays to the lights. From 0 to 1, 0.01 by default; 0 turns the cache off.
+    /// permits, and interpolated along view rays, instead of sending rays to the lights. The steps of
+    /// view rays follow from the error as well. From 0 to 1, 0.01 by default; 0 turns the cache off.
     ///
     /// The error is estimated from the extinction, the number of voxels, and how much densities change from
     /// voxel to voxel. Fog that is too dense or too large for the cache is lit by rays, along with all

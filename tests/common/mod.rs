@@ -13,6 +13,7 @@ use bevy::app::{
 use bevy::asset::{AssetPlugin, RenderAssetUsages, UnapprovedPathMode};
 use bevy::camera::{Hdr, RenderTarget};
 use bevy::core_pipeline::tonemapping::{DebandDither, Tonemapping};
+use bevy::light::DirectionalLightShadowMap;
 use bevy::log::LogPlugin;
 use bevy::math::{DAffine3, DVec3};
 use bevy::prelude::*;
@@ -179,6 +180,8 @@ impl Stage {
         ));
         app.insert_resource(ClearColor(Color::BLACK));
         app.insert_resource(GlobalAmbientLight::NONE);
+        // 512 texels along an edge instead of Bevy's 2048: on a CPU, shadow maps would take most of the time of some tests.
+        app.insert_resource(DirectionalLightShadowMap { size: 512 });
         add(&mut app);
         while app.plugins_state() == PluginsState::Adding {
             bevy::tasks::tick_global_task_pools_on_main_thread();

@@ -129,10 +129,15 @@ fn looking(from: Vec3) -> Transform {
 
 /// The ray of a pixel of the stage's camera, in f64.
 fn pixel_ray(view: Transform, x: u32, y: u32) -> (DVec3, DVec3) {
+    pixel_ray_of(SIZE, view, x, y)
+}
+
+/// The same in a picture of another size.
+fn pixel_ray_of(size: UVec2, view: Transform, x: u32, y: u32) -> (DVec3, DVec3) {
     let half = (45.0_f64.to_radians() * 0.5).tan();
-    let aspect = f64::from(SIZE.x) / f64::from(SIZE.y);
-    let ndc_x = (f64::from(x) + 0.5) / f64::from(SIZE.x) * 2.0 - 1.0;
-    let ndc_y = 1.0 - (f64::from(y) + 0.5) / f64::from(SIZE.y) * 2.0;
+    let aspect = f64::from(size.x) / f64::from(size.y);
+    let ndc_x = (f64::from(x) + 0.5) / f64::from(size.x) * 2.0 - 1.0;
+    let ndc_y = 1.0 - (f64::from(y) + 0.5) / f64::from(size.y) * 2.0;
     let dir = DVec3::new(ndc_x * half * aspect, ndc_y * half, -1.0);
     let rotation = DMat3::from_quat(view.rotation.as_dquat());
     (view.translation.as_dvec3(), rotation * dir)

@@ -26,10 +26,14 @@ struct Scene {
 }
 
 impl Scene {
-    /// A camera, and a sun with shadows.
     fn new() -> Self {
+        Self::of_size(SIZE)
+    }
+
+    /// A camera, and a sun with shadows.
+    fn of_size(size: UVec2) -> Self {
         let mut stage = Stage::new();
-        let target = stage.target(SIZE);
+        let target = stage.target(size);
         let from = Transform::from_xyz(2.2, 3.0, 6.6).looking_at(Vec3::ZERO, Vec3::Y);
         let camera = stage.camera(&target, from);
         stage.world().entity_mut(camera).insert(VdbCamera::default());
@@ -145,14 +149,14 @@ fn fire_in_smoke_looks_as_in_thin_slabs() {
 #[gpu_test]
 #[ignore = "slow: its references have 100 slabs"]
 fn no_fire_is_lost_between_leaves() {
+    let mut scene = Scene::new();
+    let thin = VdbMaterial { density_scale: 0.2, ..default() };
+    let smoke = scene.cloud(3, Transform::IDENTITY, thin);
     for y in [-1, 0] {
-        let mut scene = Scene::new();
         let cube = CoordBox { min: IVec3::new(-16, -9, -16), max: IVec3::new(15, 9, 15) };
         let sheet = fog::from_values(cube, |at| if at.y == y { 1.0 } else { 0.0 });
         let grid = scene.stage.grid(sheet, PackKind::Fog, VOXEL);
         let emission = VdbEmission::Scalar { grid, color: LinearRgba::rgb(6.0, 3.0, 1.0) };
-        let thin = VdbMaterial { density_scale: 0.2, ..default() };
-        let smoke = scene.cloud(3, Transform::IDENTITY, thin);
         scene.stage.world().entity_mut(smoke).insert(emission);
         let reference = scene.with(IN_SLABS);
         let picture = scene.cached(0.005);
@@ -168,7 +172,7 @@ fn no_fire_is_lost_between_leaves() {
 #[gpu_test]
 #[ignore = "slow: nine fogs in 100 slabs"]
 fn fogs_that_do_not_fit_are_lit_by_rays() {
-    let mut scene = Scene::new();
+    let mut scene = Scene::of_size(SIZE / 2);
     let thin = VdbMaterial { density_scale: 0.1, ..default() };
     let many: Vec<_> = (0..9).map(|_| scene.cloud(3, Transform::IDENTITY, thin.clone())).collect();
     let quality = VdbQuality { fog_slabs: 100, fog_shadow_step: 1.0, ..VdbQuality::HIGH };

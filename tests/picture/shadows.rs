@@ -1,8 +1,6 @@
 //! Shadows of volumes on volumes and of meshes on volumes, where closed forms say that they are.
 
-use bevy::light::{
-    DirectionalLightShadowMap, NotShadowCaster, NotShadowReceiver, PointLightShadowMap,
-};
+use bevy::light::{NotShadowCaster, NotShadowReceiver, PointLightShadowMap};
 use bevy::math::DVec3;
 use bevy::prelude::*;
 use bevy_vdb::{VdbMaterial, VdbQuality, VdbSun, VdbVolume};
@@ -60,7 +58,6 @@ fn in_world(bbox: CoordBox, voxel: f64) -> Block {
 /// A camera on which the top of the floor is black where light does not come to.
 fn stage(from: Vec3) -> (Stage, Handle<Image>, Entity, Transform) {
     let mut stage = Stage::new();
-    stage.world().insert_resource(DirectionalLightShadowMap { size: 512 });
     stage.world().insert_resource(PointLightShadowMap { size: 256 });
     let target = stage.target(SIZE);
     let view = looking(from);

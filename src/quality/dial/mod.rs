@@ -42,7 +42,8 @@ pub enum VdbDial {
         frame_ms: f32,
     },
     /// The fastest settings whose errors stay within this many pixels: rays are no further apart, and
-    /// fog steps are no longer at the near side of the nearest volume.
+    /// fog steps are no longer at the near side of the nearest volume. Fog lit by the light cache keeps
+    /// the error of [`VdbQuality::HIGH`] instead.
     MaxError {
         /// 0 or more.
         pixels: f32,

@@ -144,8 +144,7 @@ const RAY_STEP: f64 = 2.0;
 const SPACING_ERROR: f64 = 2.0;
 const STEP_ERROR: f64 = 1.0;
 /// Errors of spacings relative to the second differences that they miss, with multiple and with single scattering, and
-/// errors of steps. They are typical of fogs of any roughness: some spacings were off by up to 1.6 times as much, and
-/// some steps of at most a voxel by up to 1.3 times.
+/// errors of steps. They are typical of fogs of any roughness: some spacings were off by up to 1.6 times as much.
 const SPACING_DETAIL_ERROR: f64 = 0.08;
 const SINGLE_SPACING_DETAIL_ERROR: f64 = 0.2;
 const STEP_DETAIL_ERROR: f64 = 0.9;
