@@ -20,7 +20,8 @@ use bevy::prelude::*;
 use bevy::render::RenderPlugin;
 use bevy::render::gpu_readback::{Readback, ReadbackComplete};
 use bevy::render::pipelined_rendering::PipelinedRenderingPlugin;
-use bevy::render::render_resource::{PipelineCache, TextureFormat, TextureUsages};
+use bevy::render::render_resource::{PipelineCache, PollType, TextureFormat, TextureUsages};
+use bevy::render::renderer::RenderDevice;
 use bevy::render::settings::{RenderCreation, WgpuFeatures, WgpuSettings, WgpuSettingsPriority};
 use bevy::window::ExitCondition;
 use bevy::winit::WinitPlugin;
@@ -324,6 +325,10 @@ impl Stage {
             .id();
         for _ in 0..200 {
             self.update(1);
+            // So that it arrives with the next frame, not the one after that. A lost device has nothing to wait for.
+            let render = self.app.sub_app(bevy::render::RenderApp).world();
+            let device = render.resource::<RenderDevice>();
+            device.poll(PollType::wait_indefinitely()).ok();
             let bytes = self.arrived.lock().unwrap().take();
             if let Some(bytes) = bytes {
                 self.world().despawn(reader);
