@@ -181,7 +181,7 @@ impl Stage {
         ));
         app.insert_resource(ClearColor(Color::BLACK));
         app.insert_resource(GlobalAmbientLight::NONE);
-        // 512 texels along an edge instead of Bevy's 2048: on a CPU, shadow maps would take most of the time of some tests.
+        // Bevy's default is 2048: on a CPU, such shadow maps take most of the time of some tests.
         app.insert_resource(DirectionalLightShadowMap { size: 512 });
         add(&mut app);
         while app.plugins_state() == PluginsState::Adding {

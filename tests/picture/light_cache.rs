@@ -38,11 +38,13 @@ impl Cloud {
         Self::on(Stage::new(), density_scale)
     }
 
+    /// On a stage that is cleared first, which keeps its pipelines.
     pub fn on(stage: Stage, density_scale: f32) -> Self {
         Self::of(stage, fog::cloud(RADIUS, 3), density_scale)
     }
 
     fn of(mut stage: Stage, density: Vdb543<f32>, density_scale: f32) -> Self {
+        stage.clear();
         let target = stage.target(SIZE);
         let from = Transform::from_xyz(3.0, 4.0, 9.0).looking_at(Vec3::ZERO, Vec3::Y);
         let camera = stage.camera(&target, from);
@@ -105,7 +107,6 @@ pub(super) fn error_where(
 fn radiance_is_within_the_error_that_is_asked_for() {
     let mut stage = Stage::new();
     for density in [0.3, 1.0, 4.0] {
-        stage.clear();
         let mut cloud = Cloud::on(stage, density);
         for multiple_scattering in [false, true] {
             let settings = VdbCamera { multiple_scattering, ..default() };
@@ -140,7 +141,6 @@ fn rough_smoke_is_within_the_error() {
     let AnyTree::Float(smoke) = smoke.tree else { panic!("densities are floats") };
     let mut stage = Stage::new();
     for density in [0.45, 4.0, 16.0] {
-        stage.clear();
         let mut cloud = Cloud::of(stage, Vdb543::clone(&smoke), density);
         let camera = cloud.camera;
         for multiple_scattering in [false, true] {
