@@ -24,10 +24,10 @@ import peer_cycles
 WIDTH, HEIGHT = 480, 270
 # The light of the viewer (examples/viewer/app.rs) at Bevy's default exposure.
 EXPOSURE = 1.0 / (1.2 * 2.0**9.7)
-SUN = 2600.0 * EXPOSURE
-SKY = 500.0 * EXPOSURE
+SUN, SUN_COLOR = 3600.0 * EXPOSURE, (1.0, 0.94, 0.86)
+SKY, SKY_COLOR = 340.0 * EXPOSURE, (0.8, 0.9, 1.0)
 TO_SUN = [-0.6, 0.75, 0.5]
-BACKGROUND = np.array([0.045, 0.052, 0.065])
+BACKGROUND = np.array([0.042, 0.062, 0.092])
 FOV = 45.0
 MODELS = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "assets", "models")
 
@@ -202,7 +202,7 @@ def add_sky(bpy, world, strength):
     sky = bpy.data.worlds.new("sky")
     sky.use_nodes = True
     background = sky.node_tree.nodes["Background"]
-    background.inputs["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
+    background.inputs["Color"].default_value = (*SKY_COLOR, 1.0)
     background.inputs["Strength"].default_value = strength
     world.world = sky
 
@@ -218,6 +218,7 @@ def path_traced(scene, seed, sun=True, sky=SKY, bounces=None, casts_shadows=True
     else:
         peer_cycles.add_fog(bpy, world, scene)
     peer_cycles.add_sun(bpy, world, {**scene, "irradiance": scene["irradiance"] if sun else 0.0})
+    bpy.data.lights["sun"].color = SUN_COLOR
     add_sky(bpy, world, sky)
     peer_cycles.add_camera(bpy, world, scene)
     peer_cycles.settle(world, {**scene, "seed": seed})

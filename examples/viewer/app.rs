@@ -19,14 +19,18 @@ use crate::sequences::{self, Opening, Played};
 use crate::volumes::Bounds;
 use crate::{paged, select, volumes};
 
-/// With Bevy's default exposure and the sky, a white surface that faces this sun is just below white.
-pub const SUN_ILLUMINANCE: f32 = 2_600.0;
+/// The sun, in lux, slightly warm. With Bevy's default exposure and the sky, a white surface that faces it is just
+/// below white.
+pub const SUN_ILLUMINANCE: f32 = 3_600.0;
+pub const SUN_COLOR: LinearRgba = LinearRgba::rgb(1.0, 0.94, 0.86);
 
-/// The luminance of the uniform sky, in cd/m²: bright enough to see what lies in shadows.
-pub const SKY_LUMINANCE: f32 = 500.0;
+/// The uniform sky, in cd/m², slightly blue: bright enough to see what lies in shadows. White fog under a uniform sky
+/// alone has no shading at all, so that a bright sky makes clouds look flat.
+pub const SKY_LUMINANCE: f32 = 340.0;
+pub const SKY_COLOR: LinearRgba = LinearRgba::rgb(0.8, 0.9, 1.0);
 
 /// The background colour before tonemapping.
-pub const BACKGROUND: LinearRgba = LinearRgba::rgb(0.045, 0.052, 0.065);
+pub const BACKGROUND: LinearRgba = LinearRgba::rgb(0.042, 0.062, 0.092);
 
 /// Loads the files, and spawns the scene once they have been loaded.
 pub struct ViewerPlugin(pub Args);
@@ -95,7 +99,7 @@ pub fn camera(args: &Args) -> impl Bundle {
             multiple_scattering: args.scatters_again,
             ..default()
         },
-        AmbientLight { brightness: SKY_LUMINANCE, ..default() },
+        AmbientLight { color: SKY_COLOR.into(), brightness: SKY_LUMINANCE, ..default() },
     )
 }
 
@@ -178,6 +182,7 @@ fn open(
 fn light(mut commands: Commands, settings: Res<Settings>) {
     let args = &settings.0;
     let sun = DirectionalLight {
+        color: SUN_COLOR.into(),
         illuminance: SUN_ILLUMINANCE,
         shadow_maps_enabled: args.shadows,
         ..default()

@@ -8,7 +8,7 @@ use bevy_vdb::vdb_core::reference::picture::{
     Look, Picture, Scene, SunLight, Volume, VolumeKind, render,
 };
 
-use crate::app::{BACKGROUND, SKY_LUMINANCE, SUN_ILLUMINANCE, Status};
+use crate::app::{BACKGROUND, SKY_COLOR, SKY_LUMINANCE, SUN_COLOR, SUN_ILLUMINANCE, Status};
 use crate::args::Args;
 use crate::framing::View;
 
@@ -58,9 +58,9 @@ pub fn draw(app: &mut App, args: &Args) -> Result<Vec<[u8; 3]>, String> {
         volumes,
         sun: SunLight {
             direction: args.sun,
-            radiance: Vec3::splat(exposure * SUN_ILLUMINANCE / std::f32::consts::PI),
+            radiance: exposure * SUN_ILLUMINANCE / std::f32::consts::PI * SUN_COLOR.to_vec3(),
         },
-        ambient: Vec3::splat(exposure * SKY_LUMINANCE),
+        ambient: exposure * SKY_LUMINANCE * SKY_COLOR.to_vec3(),
         background: BACKGROUND.to_vec4(),
         shadows: args.shadows,
         look: Look::Standard {

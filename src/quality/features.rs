@@ -119,7 +119,7 @@ pub(crate) const FEATURES: [Feature; 51] = [
         Features::FOG_STEPS,
         &["VDB_FOG_STEPS"],
         "sampled fog",
-        "VdbQuality::fog_step is more than 0",
+        "VdbQuality::fog_step is more than 0, and not all fog is lit by the light cache",
     ),
     row(
         Features::EMISSION,

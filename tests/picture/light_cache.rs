@@ -170,9 +170,13 @@ fn steps_of_evenly_lit_fog_are_not_those_of_the_cache() {
     let mut scene = Cloud::new(1.0);
     let [exact, sampled] =
         [0.0, 8.0].map(|fog_step| scene.with(VdbQuality { fog_step, ..VdbQuality::HIGH }));
-    assert!(scene.report().unwrap().has("light cache"));
+    let report = scene.report().unwrap();
+    assert!(report.has("light cache"));
+    assert!(!report.has("sampled fog"), "pipelines of their own: {report:?}");
     assert!(exact.count(|pixel| pixel.x > 0.01) > 1000);
     assert!(exact == sampled, "fog_step changes the picture");
+    scene.with(VdbQuality { fog_step: 8.0, fog_light_error: 0.0, ..VdbQuality::HIGH });
+    assert!(scene.report().unwrap().has("sampled fog"));
 }
 
 /// Each sample of a lamp's lattice sends a ray. These rays take steps of a voxel at most, even if rays to lights would

@@ -124,12 +124,8 @@ impl Resolver<'_, '_> {
         let shown = (settings.is_lit(), settings.reflections > 0);
         let list =
             ViewList::new(maker, ids.each_ref().map(Vec::as_slice), shown, &mut self.warned)?;
-        let mut key = view_key(of, &settings, &list, many, &self.pool);
-        if self.light_cache.is_full {
-            let uncached =
-                Features::UNCACHED_FOGS | Features::UNCACHED_LIGHTS | Features::OTHER_LIGHTS;
-            key.features |= uncached.when(key.has(Features::LIGHT_CACHE));
-        }
+        let is_full = self.light_cache.is_full;
+        let mut key = view_key(of, &settings, &list, many, is_full, &self.pool);
         key.cached_suns = key.has(Features::LIGHT_CACHE).then(|| self.lights.cached_suns());
         let asked = of.state.pipelines.key_for(key, settings.lights_present);
         Some(ResolvedView {
@@ -230,6 +226,7 @@ fn view_key(
     settings: &ResolvedSettings,
     list: &ViewList,
     many: bool,
+    is_cache_full: bool,
     pool: &VdbTreePool,
 ) -> ViewKey {
     let ResolvedSettings { camera, quality, .. } = settings;
@@ -254,7 +251,11 @@ fn view_key(
     let reflects_fire = emission && has_surfaces && settings.reflections > 0;
     let lights = lights.difference(Features::FIRE_LIGHTS.when(!reflects_fire));
     let caches = lights.contains(Features::LIGHT_CACHE);
+    let uncached_lights = Features::UNCACHED_LIGHTS | Features::OTHER_LIGHTS;
+    let lights = lights | uncached_lights.when(caches && is_cache_full);
     let media = list.media(only_seen);
+    // What the cache does not light is integrated without it, exactly or by samples.
+    let integrates = !caches || is_cache_full || has_uncached || media.is_too_much();
     let shows_surfaces = camera.mode != VdbRenderMode::Maximum;
     let shows_edges = settings.smooths_edges && shows_surfaces && list.kinds_seen.has(SURFACES);
     let interpolates = !has_surfaces && !lights.contains(Features::MESH_CASTERS);
@@ -263,14 +264,14 @@ fn view_key(
     let in_fog = if fog || settings.is_lit() { in_fog } else { 0 };
     let features = lights
         | Features::LAMP_LIGHT.when(interpolates && lights.contains(Features::CACHED_LAMPS))
-        | Features::UNCACHED_FOGS.when(caches && (has_uncached || media.is_too_much()))
+        | Features::UNCACHED_FOGS.when(caches && integrates)
         | traversal
         | Features::MULTISAMPLED.when(of.msaa.samples() > 1)
         | Features::VOXELS.when(shows_surfaces && list.kinds.has([types::KIND_SURFACE]))
         | Features::SMOOTH.when(shows_surfaces && list.kinds.has([types::KIND_SMOOTH]))
         | Features::SMOOTH_NORMALS.when(list.smooth_normals && settings.uses_normals())
         | Features::FOG.when(fog || emission)
-        | Features::FOG_STEPS.when(fog && list.fog_steps)
+        | Features::FOG_STEPS.when(fog && list.fog_steps && integrates)
         | Features::EMISSION.when(emission)
         | Features::BLACKBODY.when(list.kinds.has([types::KIND_BLACKBODY]))
         | Features::COLORS.when(list.colors)
