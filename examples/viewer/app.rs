@@ -20,12 +20,12 @@ use crate::volumes::Bounds;
 use crate::{paged, select, volumes};
 
 /// The sun, in lux, slightly warm. With Bevy's default exposure and the sky, a white surface that faces it is just
-/// below white.
+/// below white after tonemapping.
 pub const SUN_ILLUMINANCE: f32 = 3_600.0;
 pub const SUN_COLOR: LinearRgba = LinearRgba::rgb(1.0, 0.94, 0.86);
 
 /// The uniform sky, in cd/m², slightly blue: bright enough to see what lies in shadows. White fog under a uniform sky
-/// alone has no shading at all, so that a bright sky makes clouds look flat.
+/// alone has no shading at all, so a bright sky makes clouds look flat.
 pub const SKY_LUMINANCE: f32 = 340.0;
 pub const SKY_COLOR: LinearRgba = LinearRgba::rgb(0.8, 0.9, 1.0);
 

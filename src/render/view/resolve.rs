@@ -254,7 +254,7 @@ fn view_key(
     let uncached_lights = Features::UNCACHED_LIGHTS | Features::OTHER_LIGHTS;
     let lights = lights | uncached_lights.when(caches && is_cache_full);
     let media = list.media(only_seen);
-    // What the cache does not light is integrated without it, exactly or by samples.
+    // Whether any ray may need fog without the cache, which is integrated exactly or by samples.
     let integrates = !caches || is_cache_full || has_uncached || media.is_too_much();
     let shows_surfaces = camera.mode != VdbRenderMode::Maximum;
     let shows_edges = settings.smooths_edges && shows_surfaces && list.kinds_seen.has(SURFACES);
