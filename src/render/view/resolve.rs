@@ -220,6 +220,21 @@ fn shows_meshes(of: &ViewDataItem) -> bool {
     is_linear && meshes.is_some_and(has_some)
 }
 
+/// The features of lights that the volumes of a view need.
+fn needed_lights(settings: &ResolvedSettings, list: &ViewList, is_cache_full: bool) -> Features {
+    let [caches, _] = list.cached_fogs(settings.reflections == 0);
+    let has_surfaces = list.kinds.has(SURFACES);
+    let emission = list.kinds.has([types::KIND_EMISSION, types::KIND_BLACKBODY]);
+    let reflects_fire = emission && has_surfaces && settings.reflections > 0;
+    let lights = settings
+        .lights
+        .difference(CACHE.when(!caches))
+        .difference(PROBES.when(!has_surfaces))
+        .difference(Features::FIRE_LIGHTS.when(!reflects_fire));
+    let is_full = lights.contains(Features::LIGHT_CACHE) && is_cache_full;
+    lights | (Features::UNCACHED_LIGHTS | Features::OTHER_LIGHTS).when(is_full)
+}
+
 /// The key of the pipelines that a view requires.
 fn view_key(
     of: &ViewDataItem,
@@ -243,16 +258,11 @@ fn view_key(
     let multiple_scattering = camera.multiple_scattering && fog && settings.is_lit();
     // Entries out of view are visible only in reflections.
     let only_seen = settings.reflections == 0;
-    let [caches, has_uncached] = list.cached_fogs(only_seen);
-    let lights = settings.lights.difference(CACHE.when(!caches));
+    let [_, has_uncached] = list.cached_fogs(only_seen);
+    let lights = needed_lights(settings, list, is_cache_full);
     let scatters = multiple_scattering && lights.contains(Features::SHADOWS);
     let has_surfaces = list.kinds.has(SURFACES);
-    let lights = lights.difference(PROBES.when(!has_surfaces));
-    let reflects_fire = emission && has_surfaces && settings.reflections > 0;
-    let lights = lights.difference(Features::FIRE_LIGHTS.when(!reflects_fire));
     let caches = lights.contains(Features::LIGHT_CACHE);
-    let uncached_lights = Features::UNCACHED_LIGHTS | Features::OTHER_LIGHTS;
-    let lights = lights | uncached_lights.when(caches && is_cache_full);
     let media = list.media(only_seen);
     // Whether any ray may need fog without the cache, which is integrated exactly or by samples.
     let integrates = !caches || is_cache_full || has_uncached || media.is_too_much();
