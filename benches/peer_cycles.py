@@ -163,6 +163,7 @@ def matrix(right, up, back, place):
 def add_sun(bpy, world, scene):
     sun = bpy.data.lights.new("sun", "SUN")
     sun.energy = scene["irradiance"]
+    sun.color = scene.get("sun_color", (1.0, 1.0, 1.0))
     sun.angle = 0.0
     lamp = bpy.data.objects.new("sun", sun)
     # Lamps shine along their own -z.

@@ -164,6 +164,7 @@ def cycles_scene(scene, samples):
         "height": HEIGHT,
         "to_sun": TO_SUN,
         "irradiance": SUN,
+        "sun_color": SUN_COLOR,
         "samples": samples,
         # Fog is white and scatters evenly, as VdbMaterial does by default.
         "albedo": 1.0,
@@ -218,7 +219,6 @@ def path_traced(scene, seed, sun=True, sky=SKY, bounces=None, casts_shadows=True
     else:
         peer_cycles.add_fog(bpy, world, scene)
     peer_cycles.add_sun(bpy, world, {**scene, "irradiance": scene["irradiance"] if sun else 0.0})
-    bpy.data.lights["sun"].color = SUN_COLOR
     add_sky(bpy, world, sky)
     peer_cycles.add_camera(bpy, world, scene)
     peer_cycles.settle(world, {**scene, "seed": seed})

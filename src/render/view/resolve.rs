@@ -185,6 +185,9 @@ impl Resolver<'_, '_> {
 /// The kinds of surfaces.
 const SURFACES: [u32; 2] = [types::KIND_SURFACE, types::KIND_SMOOTH];
 
+/// The kinds of emission.
+const EMITTERS: [u32; 2] = [types::KIND_EMISSION, types::KIND_BLACKBODY];
+
 /// The features that only the light cache needs.
 const CACHE: Features = Features::LIGHT_CACHE
     .union(Features::CACHED_LAMPS)
@@ -220,19 +223,27 @@ fn shows_meshes(of: &ViewDataItem) -> bool {
     is_linear && meshes.is_some_and(has_some)
 }
 
-/// The features of lights that the volumes of a view need.
-fn needed_lights(settings: &ResolvedSettings, list: &ViewList, is_cache_full: bool) -> Features {
-    let [caches, _] = list.cached_fogs(settings.reflections == 0);
+/// The features of the light that the volumes of a view need, among them whether fog is also lit without the cache.
+fn needed_lights(
+    settings: &ResolvedSettings,
+    list: &ViewList,
+    media: MediaSlots,
+    is_cache_full: bool,
+) -> Features {
+    let [caches, has_uncached] = list.cached_fogs(settings.reflections == 0);
     let has_surfaces = list.kinds.has(SURFACES);
-    let emission = list.kinds.has([types::KIND_EMISSION, types::KIND_BLACKBODY]);
-    let reflects_fire = emission && has_surfaces && settings.reflections > 0;
+    let reflects_fire = list.kinds.has(EMITTERS) && has_surfaces && settings.reflections > 0;
     let lights = settings
         .lights
         .difference(CACHE.when(!caches))
         .difference(PROBES.when(!has_surfaces))
         .difference(Features::FIRE_LIGHTS.when(!reflects_fire));
-    let is_full = lights.contains(Features::LIGHT_CACHE) && is_cache_full;
-    lights | (Features::UNCACHED_LIGHTS | Features::OTHER_LIGHTS).when(is_full)
+    if !lights.contains(Features::LIGHT_CACHE) {
+        return lights;
+    }
+    lights
+        | (Features::UNCACHED_LIGHTS | Features::OTHER_LIGHTS).when(is_cache_full)
+        | Features::UNCACHED_FOGS.when(is_cache_full || has_uncached || media.is_too_much())
 }
 
 /// The key of the pipelines that a view requires.
@@ -246,7 +257,7 @@ fn view_key(
 ) -> ViewKey {
     let ResolvedSettings { camera, quality, .. } = settings;
     let fog = list.kinds.has([types::KIND_FOG]) && settings.shows_fog();
-    let emission = list.kinds.has([types::KIND_EMISSION, types::KIND_BLACKBODY]);
+    let emission = list.kinds.has(EMITTERS);
     let motion_vectors =
         of.has_motion && of.prepass.is_some_and(|all| all.motion_vectors.is_some());
     let traversal = match quality.traversal {
@@ -257,15 +268,13 @@ fn view_key(
     };
     let multiple_scattering = camera.multiple_scattering && fog && settings.is_lit();
     // Entries out of view are visible only in reflections.
-    let only_seen = settings.reflections == 0;
-    let [_, has_uncached] = list.cached_fogs(only_seen);
-    let lights = needed_lights(settings, list, is_cache_full);
+    let media = list.media(settings.reflections == 0);
+    let lights = needed_lights(settings, list, media, is_cache_full);
     let scatters = multiple_scattering && lights.contains(Features::SHADOWS);
     let has_surfaces = list.kinds.has(SURFACES);
     let caches = lights.contains(Features::LIGHT_CACHE);
-    let media = list.media(only_seen);
-    // Whether any ray may need fog without the cache, which is integrated exactly or by samples.
-    let integrates = !caches || is_cache_full || has_uncached || media.is_too_much();
+    // Without the cache, rays integrate fog exactly or by samples.
+    let integrates = !caches || lights.contains(Features::UNCACHED_FOGS);
     let shows_surfaces = camera.mode != VdbRenderMode::Maximum;
     let shows_edges = settings.smooths_edges && shows_surfaces && list.kinds_seen.has(SURFACES);
     let interpolates = !has_surfaces && !lights.contains(Features::MESH_CASTERS);
@@ -274,7 +283,6 @@ fn view_key(
     let in_fog = if fog || settings.is_lit() { in_fog } else { 0 };
     let features = lights
         | Features::LAMP_LIGHT.when(interpolates && lights.contains(Features::CACHED_LAMPS))
-        | Features::UNCACHED_FOGS.when(caches && integrates)
         | traversal
         | Features::MULTISAMPLED.when(of.msaa.samples() > 1)
         | Features::VOXELS.when(shows_surfaces && list.kinds.has([types::KIND_SURFACE]))
