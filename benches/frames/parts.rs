@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use bevy::camera::Hdr;
 use bevy::diagnostic::DiagnosticsStore;
+use bevy::light::NotShadowCaster;
 use bevy::math::DVec3;
 use bevy::prelude::*;
 use bevy_vdb::prelude::*;
@@ -32,6 +33,7 @@ pub fn run(args: &Args) -> Result<(), String> {
     studio.camera_mut().insert((Hdr, Msaa::Off, fast));
     studio.settle(1)?;
     print_passes(&mut studio, args.frames, "fog all over the picture");
+    shade_a_room(&mut studio, args.frames)?;
 
     studio.camera_mut().insert(VdbQuality { reflections: 1, ..VdbQuality::BALANCED });
     studio.app.world_mut().entity_mut(volume).insert((
@@ -74,6 +76,23 @@ pub fn run(args: &Args) -> Result<(), String> {
     for feature in &costs.features {
         println!("| {} | {:.3} |", feature.name, feature.ms);
     }
+    Ok(())
+}
+
+/// The same fog in a room: a mesh behind every pixel, much of it in the shadow of the fog.
+fn shade_a_room(studio: &mut Studio, frames: usize) -> Result<(), String> {
+    let world = studio.app.world_mut();
+    let room = world.resource_mut::<Assets<Mesh>>().add(Sphere::new(8.0).mesh().uv(128, 64));
+    let inside = StandardMaterial { cull_mode: None, double_sided: true, ..default() };
+    let inside = world.resource_mut::<Assets<StandardMaterial>>().add(inside);
+    let room = world.spawn((Mesh3d(room), MeshMaterial3d(inside), NotShadowCaster)).id();
+    for (denoise, what) in [(false, "the same in a room"), (true, "the same with `denoise`")] {
+        let fast = VdbQuality { detail: 0.0, denoise, ..VdbQuality::FAST };
+        studio.camera_mut().insert(fast);
+        studio.settle(1)?;
+        print_passes(studio, frames, what);
+    }
+    studio.app.world_mut().despawn(room);
     Ok(())
 }
 

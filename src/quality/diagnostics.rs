@@ -8,8 +8,9 @@ use bevy::platform::time::Instant;
 use bevy::prelude::*;
 
 /// The passes that volumes add to a view, in order.
-pub(crate) const PASSES: [&str; 11] = [
+pub(crate) const PASSES: [&str; 12] = [
     "vdb_cast",
+    "vdb_fog_shadows",
     "vdb_light_cache",
     "vdb_scattered_light",
     "vdb_lamp_light",

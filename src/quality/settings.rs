@@ -44,9 +44,12 @@ pub struct VdbQuality {
     /// On by default. Only for cameras with `Hdr` or without tonemapping, because the targets of
     /// other cameras do not hold radiance.
     pub mesh_reflections: bool,
-    /// Whether reflections in rough surfaces are denoised within each frame, by a filter that follows
-    /// the blur of the surface itself. Requires [`reflections`](Self::reflections). On by default, except
-    /// in [`EXACT`](Self::EXACT). Takes 40 bytes per ray.
+    /// Whether grain is removed within each frame. On by default, except in [`EXACT`](Self::EXACT).
+    ///
+    /// Reflections in rough surfaces are smoothed by a filter that follows the blur of the surface
+    /// itself; this requires [`reflections`](Self::reflections) and takes 40 bytes per ray. From the
+    /// opaque meshes that a camera sees, the grain of fog's shadows is subtracted, which takes 20 bytes
+    /// per pixel and copies of the shadow maps.
     pub denoise: bool,
     /// The distance in voxels between density samples of evenly lit fog (no lamps nearby, no
     /// shadows) that overlaps no other. From ¼ to 16; 0, the default, integrates exactly, cell by

@@ -16,6 +16,7 @@ use vdb_core::pack::PackedGrid;
 
 use super::composite::CompositeView;
 use super::extract::{ExtractedVolume, ExtractedVolumes, Warned};
+use super::fog_shadows::SmoothedViews;
 use super::gpu::GridKey;
 use super::pool::VdbTreePool;
 use super::shadow_maps::CastShadows;
@@ -40,7 +41,7 @@ impl Plugin for DrawnPlugin {
 fn report_drawn(
     volumes: Res<ExtractedVolumes>,
     (pool, warned): (Res<VdbTreePool>, Res<Warned>),
-    shadows: Res<CastShadows>,
+    (shadows, smoothed): (Res<CastShadows>, Res<SmoothedViews>),
     views: Query<
         (&VisibleVolumes, &ViewState, &CompositeView),
         (With<ExtractedCamera>, With<Camera3d>),
@@ -54,12 +55,13 @@ fn report_drawn(
     for (entity, volume) in &volumes.0 {
         states.insert(entity.id(), (volume.grid.asset(), on_the_gpu(volume, &pool)));
     }
+    let is_waiting = shadows.is_waiting || smoothed.is_waiting;
     for (seen, state, composite) in &views {
         let listed: Option<BTreeSet<MainEntity>> = state.prepared().map(|(view, _)| {
             let seen = &view.entries[..view.data.volume_count as usize];
             seen.iter().map(|entry| entry.owner).collect()
         });
-        let is_drawn = composite.is_drawn && is_shown && !shadows.is_waiting;
+        let is_drawn = composite.is_drawn && is_shown && !is_waiting;
         for entity in &seen.0 {
             let Some((_, state)) = states.get_mut(&entity.id()) else { continue };
             let here = if !listed.as_ref().is_some_and(|listed| listed.contains(entity)) {

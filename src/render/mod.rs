@@ -6,6 +6,7 @@ mod composite;
 mod denoise;
 mod drawn;
 mod extract;
+mod fog_shadows;
 mod gpu;
 mod light_cache;
 mod pool;
@@ -44,6 +45,7 @@ impl Plugin for RenderVolumesPlugin {
             upscale::UpscalePlugin,
             accumulate::AccumulatePlugin,
             shadow_maps::ShadowMapsPlugin,
+            fog_shadows::FogShadowsPlugin,
             composite::CompositePlugin,
             report::ReportPlugin,
             drawn::DrawnPlugin,

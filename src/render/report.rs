@@ -10,6 +10,7 @@ use bevy::render::{Render, RenderApp, RenderSystems};
 use super::accumulate::{AccumulateView, Accumulated, Mean};
 use super::composite::CompositeView;
 use super::denoise::DenoiseView;
+use super::fog_shadows::{SMOOTHED, SmoothedViews};
 use super::light_cache::{LightCache, LightCacheView};
 use super::scattered_light::{ScatteredLight, ScatteredLightView};
 use super::shadow_maps::CastShadows;
@@ -47,7 +48,7 @@ type ViewData<'a> = (
 
 fn report(
     views: Query<(Entity, ViewData)>,
-    shadows: Res<CastShadows>,
+    (shadows, smoothed): (Res<CastShadows>, Res<SmoothedViews>),
     (light_cache, scattered): (Res<LightCache>, Res<ScatteredLight>),
     (ramps, materials): (Res<RampTexture>, Res<MaterialTable>),
     diagnostics: Res<VdbDiagnostics>,
@@ -57,7 +58,8 @@ fn report(
         .filter_map(|(view, data)| {
             let textures = (&*ramps, &*materials);
             let light = (&*light_cache, &*scattered);
-            of_view(data, shadows.are_cast_for(view), light, textures)
+            let on_meshes = (shadows.are_cast_for(view), smoothed.textures(view));
+            of_view(data, on_meshes, light, textures)
         })
         .collect();
     diagnostics.set(reports);
@@ -81,7 +83,7 @@ fn of_view(
         &AccumulateView,
         &CompositeView,
     ),
-    casts_shadows: bool,
+    (casts_shadows, smoothed): (bool, Option<[&CachedTexture; 3]>),
     (light_cache, scattered): (&LightCache, &ScatteredLight),
     (ramps, materials): (&RampTexture, &MaterialTable),
 ) -> Option<(Entity, VdbCameraReport)> {
@@ -90,6 +92,12 @@ fn of_view(
     let mut buffers = Buffers::default();
     buffers.add("vdb_view", uniform, "the camera");
     buffers.add_some("vdb_placement", &composite.placement, "the viewport");
+    if let Some(textures) = smoothed {
+        let why = "fog casts shadows on meshes";
+        for (name, texture) in SMOOTHED.into_iter().zip(textures) {
+            buffers.push(name, bytes(texture), why);
+        }
+    }
     if let Some(traced) = &picture.traced {
         buffers.push("vdb_color", bytes(&traced.color), "the colours of the traced image");
         buffers.push("vdb_depth", bytes(&traced.depth), "the depths of the traced image");
@@ -165,7 +173,7 @@ fn of_view(
         is_compiling: !prepared.is_ready || prepared.is_fallback,
         features: features(prepared),
         passes: passes(
-            casts_shadows,
+            [casts_shadows, smoothed.is_some()],
             (light, solve, trace, edges),
             (denoise, upscale),
             frames,
@@ -186,7 +194,7 @@ const EDGES: &str = "VdbQuality::edge_samples is more than 0, and a surface is i
 
 /// The passes that run, of [`PASSES`].
 fn passes(
-    casts_shadows: bool,
+    [casts_shadows, smooths_shadows]: [bool; 2],
     (light, solve, trace, edges): (&LightCacheView, &ScatteredLightView, &TraceView, &EdgesView),
     (denoise, upscale): (&DenoiseView, &UpscaleView),
     frames: u32,
@@ -197,6 +205,7 @@ fn passes(
     let gathers = trace.lamp_light.as_ref().is_some_and(|own| own.is_due(lamps));
     let all: [(bool, &'static str); PASSES.len()] = [
         (casts_shadows, "VdbCamera::mesh_shadows, and a light with shadow_maps_enabled"),
+        (smooths_shadows, "VdbQuality::denoise, and fog casts shadows on a mesh"),
         (light.is_filled(), "a fog, its light or an occluder has changed"),
         (solve.is_solved(), "a fog or its light has changed"),
         (gathers, "lamps light a fog, and the camera or something in their light has moved"),

@@ -88,8 +88,9 @@ pub struct VdbCamera {
     /// Volumes are drawn into the shadow maps of lights with `shadow_maps_enabled` in every frame,
     /// with one ray per texel that they may cover; `docs/guide/quality.md` explains how to reduce the
     /// cost. Edges have the resolution of the maps, as for shadows of meshes.
-    /// Fog attenuates light in 64 steps, which shadow filtering smooths, best with Bevy's default
-    /// `ShadowFilteringMethod::Gaussian`. The maps of point and spot lights are shared by all
+    /// A texel of a shadow map has one depth, so fog dithers the light between texels. Shadow filtering
+    /// smooths that, best with Bevy's default `ShadowFilteringMethod::Gaussian`, and
+    /// [`VdbQuality::denoise`](crate::VdbQuality::denoise) removes it from opaque meshes. The maps of point and spot lights are shared by all
     /// cameras: they include volumes if any camera has this setting on.
     ///
     /// Costs nothing without such a light, a mesh in view or a volume. Off where

@@ -23,6 +23,7 @@ mod film;
 mod fire_light;
 mod flip;
 mod fog_colors;
+mod fog_shadows;
 mod golden;
 mod histories;
 mod judges;

@@ -20,22 +20,22 @@ use vdb_core::tree::{CoordBox, Vdb543};
 use super::common::{Picture, Stage};
 use super::{SIZE, SURFACE, looking, pixel_ray};
 
-const VOXEL: f64 = 0.1;
+pub(super) const VOXEL: f64 = 0.1;
 /// Where the ball is.
 const CENTER: DVec3 = DVec3::new(0.3, 2.0, -0.2);
 const RADIUS: f64 = 1.0;
 
 /// A white mesh in the plane y = 0, seen from a place above.
-struct Scene {
-    stage: Stage,
+pub(super) struct Scene {
+    pub stage: Stage,
     target: Handle<Image>,
-    camera: Entity,
+    pub camera: Entity,
     view: Transform,
-    plane: Entity,
+    pub plane: Entity,
 }
 
 impl Scene {
-    fn new(from: Vec3) -> Self {
+    pub fn new(from: Vec3) -> Self {
         let mut stage = Stage::new();
         stage.world().insert_resource(DirectionalLightShadowMap { size: 1024 });
         stage.world().insert_resource(PointLightShadowMap { size: 512 });
@@ -51,19 +51,19 @@ impl Scene {
         Self { stage, target, camera, view, plane }
     }
 
-    fn picture(&mut self, name: &str) -> Picture {
+    pub fn picture(&mut self, name: &str) -> Picture {
         let picture = self.stage.picture(&self.target);
         picture.save(&format!("mesh_shadows_{name}"));
         picture
     }
 
-    fn volume(&mut self, tree: Vdb543<f32>, kind: PackKind, material: VdbMaterial) -> Entity {
+    pub fn volume(&mut self, tree: Vdb543<f32>, kind: PackKind, material: VdbMaterial) -> Entity {
         let grid = self.stage.grid(tree, kind, VOXEL);
         self.stage.world().spawn((VdbVolume(grid), material)).id()
     }
 
     /// The place of the plane that a pixel shows, if it is in the middle of it.
-    fn place(&self, x: u32, y: u32) -> Option<DVec3> {
+    pub fn place(&self, x: u32, y: u32) -> Option<DVec3> {
         let (origin, dir) = pixel_ray(self.view, x, y);
         let at = origin + dir * (-origin.y / dir.y);
         (dir.y < 0.0 && at.length() < 5.0).then_some(at)
@@ -83,7 +83,7 @@ impl Scene {
     }
 }
 
-fn sun(to_sun: Vec3) -> impl Bundle {
+pub(super) fn sun(to_sun: Vec3) -> impl Bundle {
     let cascades =
         CascadeShadowConfigBuilder { num_cascades: 2, maximum_distance: 15.0, ..default() };
     let light = DirectionalLight { illuminance: 3.0, shadow_maps_enabled: true, ..default() };
@@ -91,15 +91,15 @@ fn sun(to_sun: Vec3) -> impl Bundle {
 }
 
 const TO_SUN: Vec3 = Vec3::new(0.5, 1.0, 0.3);
-const BULB: Vec3 = Vec3::new(1.0, 6.0, 0.7);
+pub(super) const BULB: Vec3 = Vec3::new(1.0, 6.0, 0.7);
 
-fn bulb() -> impl Bundle {
+pub(super) fn bulb() -> impl Bundle {
     let lamp =
         PointLight { intensity: 900.0, range: 100.0, shadow_maps_enabled: true, ..default() };
     (lamp, Transform::from_translation(BULB))
 }
 
-fn spot() -> impl Bundle {
+pub(super) fn spot() -> impl Bundle {
     let lamp = SpotLight {
         intensity: 900.0,
         range: 100.0,
@@ -299,7 +299,7 @@ fn fog_dims_the_light_on_a_mesh() {
     }
 }
 
-fn pipelines(stage: &mut Stage, label: &str) -> usize {
+pub(super) fn pipelines(stage: &mut Stage, label: &str) -> usize {
     let render = stage.app.sub_app(bevy::render::RenderApp).world();
     let all = render.resource::<PipelineCache>().pipelines();
     let own = all.filter(|pipeline| {

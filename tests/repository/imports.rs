@@ -6,7 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The stages of the crate, each of which may import from those before it.
-const STAGES: [&str; 18] = [
+const STAGES: [&str; 19] = [
     "asset",
     "scene",
     "quality",
@@ -21,6 +21,7 @@ const STAGES: [&str; 18] = [
     "render::upscale",
     "render::accumulate",
     "render::shadow_maps",
+    "render::fog_shadows",
     "render::composite",
     "render::report",
     "render::drawn",

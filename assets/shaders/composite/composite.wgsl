@@ -2,6 +2,7 @@
 // alone, which is tested against the depth of the meshes but writes none.
 
 #import bevy_core_pipeline::fullscreen_vertex_shader::FullscreenVertexOutput
+#import bevy_vdb::gpu::types::Placement
 #import bevy_vdb::view::depths::{decoded_fog_depth, is_fog_depth, is_surface_depth}
 #ifdef TONEMAP_IN_SHADER
 #import bevy_render::view::View
@@ -10,10 +11,6 @@
 
 @group(0) @binding(0) var traced_color: texture_2d<f32>;
 @group(0) @binding(1) var traced_depth: texture_2d<f32>;
-struct Placement {
-    origin: vec2<u32>,
-    size: vec2<u32>,
-}
 @group(0) @binding(2) var<uniform> placement: Placement;
 #ifdef TONEMAP_IN_SHADER
 @group(0) @binding(3) var<uniform> view: View;

@@ -214,3 +214,9 @@ struct Ray {
     t_min: f32,         // negative values count as 0
     t_max: f32,         // inclusive; if less than t_min or NaN, nothing is hit
 }
+
+// Where a view's image is in its target, in pixels.
+struct Placement {
+    origin: vec2<u32>,
+    size: vec2<u32>,
+}

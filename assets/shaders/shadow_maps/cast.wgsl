@@ -41,18 +41,18 @@ fn quad(@builtin(vertex_index) corner: u32, @builtin(instance_index) instance: u
 
 #ifdef VDB_FOGS
 // The transmittance at which a texel stops its ray. Fog attenuates light gradually, but a texel has a single
-// depth. Each texel therefore has a threshold of its own: 64 thresholds in squares of 8×8 texels, after
+// depth. Each texel therefore has a threshold of its own: 256 thresholds in squares of 16×16 texels, after
 // Bayer 1973, "An optimum method for two-level rendition of continuous-tone pictures", whose patterns are so
 // fine that shadow map filtering smooths them. The digits of further fogs are rotated, which makes their
 // thresholds independent of the first fog's. In views with temporal jitter, the thresholds change every
 // frame.
 fn dither_threshold(texel: vec2<u32>, fog: u32) -> f32 {
     var digits = 0u;
-    for (var i = 0u; i < 3u; i++) {
+    for (var i = 0u; i < 4u; i++) {
         let bit = (texel >> vec2(i)) & vec2(1u);
-        digits |= (2u * (bit.x ^ bit.y) + bit.y) << (2u * ((2u - i + fog % 3u) % 3u));
+        digits |= (2u * (bit.x ^ bit.y) + bit.y) << (2u * ((3u - i + fog % 4u) % 4u));
     }
-    return max(fract((f32(digits) + 0.5) / 64.0 + view.random_offset), 1e-6);
+    return max(fract((f32(digits) + 0.5) / 256.0 + view.random_offset), 1e-6);
 }
 
 // Voxels between samples of fog, and the longest edge of its box, in voxels, above which steps become

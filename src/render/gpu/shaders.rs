@@ -16,7 +16,7 @@ macro_rules! shaders {
 }
 
 /// The modules that shaders import.
-const IMPORTS: [(&str, &[u8]); 61] = shaders![
+const IMPORTS: [(&str, &[u8]); 63] = shaders![
     "gpu/types",
     "gpu/bindings",
     "material/table",
@@ -57,6 +57,8 @@ const IMPORTS: [(&str, &[u8]); 61] = shaders![
     "trace/mesh_shadows",
     "trace/visibility",
     "trace/rect_lights",
+    "fog_shadows/grain",
+    "fog_shadows/maps",
     "trace/lights",
     "trace/cached_lights",
     "trace/shade",
@@ -80,7 +82,7 @@ const IMPORTS: [(&str, &[u8]); 61] = shaders![
     "trace/path"
 ];
 /// The shaders with entry points.
-const PROGRAMS: [(&str, &[u8]); 15] = shaders![
+const PROGRAMS: [(&str, &[u8]); 18] = shaders![
     "trace/beams",
     "trace/edges",
     "trace/trace",
@@ -91,6 +93,9 @@ const PROGRAMS: [(&str, &[u8]); 15] = shaders![
     "composite/composite",
     "shadow_maps/cast",
     "shadow_maps/mesh_depth",
+    "fog_shadows/find",
+    "fog_shadows/smooth",
+    "fog_shadows/draw",
     "light_cache/fill",
     "light_cache/sun_rays",
     "light_cache/sun_samples",
@@ -159,6 +164,9 @@ pub(crate) struct Shaders {
     pub composite: Handle<Shader>,
     pub cast: Handle<Shader>,
     pub mesh_depth: Handle<Shader>,
+    pub find_grain: Handle<Shader>,
+    pub remove_grain: Handle<Shader>,
+    pub draw_smoothed: Handle<Shader>,
     pub fill: Handle<Shader>,
     pub sun_rays: Handle<Shader>,
     pub sun_samples: Handle<Shader>,
@@ -192,6 +200,9 @@ impl Shaders {
             composite,
             cast,
             mesh_depth,
+            find_grain,
+            remove_grain,
+            draw_smoothed,
             fill,
             sun_rays,
             sun_samples,
@@ -214,6 +225,9 @@ impl Shaders {
             composite,
             cast,
             mesh_depth,
+            find_grain,
+            remove_grain,
+            draw_smoothed,
             fill,
             sun_rays,
             sun_samples,
@@ -235,7 +249,7 @@ mod tests {
 
     /// Shader defs that belong neither to features of a view nor to render modes: those of formats and adapters,
     /// and those of the programs of `vdb_probe`.
-    const OTHERS: [&str; 10] = [
+    const OTHERS: [&str; 11] = [
         "VDB_CACHED_SUNS",
         "VDB_EMITTER_SLOTS",
         "VDB_EVEN_LIGHT",
@@ -246,6 +260,7 @@ mod tests {
         "VDB_PAGED",
         "VDB_PAGE_BITS",
         "VDB_STORABLE_LATTICE",
+        "VDB_WITH_FOG",
     ];
 
     /// A misspelt shader def has no effect, and is not reported.

@@ -10,13 +10,13 @@ use bevy::render::view::{ExtractedView, RenderVisibleEntities};
 use vdb_core::pack::PackKind;
 use vdb_core::view::ViewRays;
 
-use crate::VdbQuality;
 use crate::render::extract::{
     ExtractedClipPlanes, ExtractedSuns, ExtractedVolume, ExtractedVolumes,
 };
 use crate::render::gpu::{affine, types};
 use crate::render::pool::VdbTreePool;
 use crate::render::view::{Eye, Shown, cut_by, view_data, volume_data, world_corners};
+use crate::{VdbCamera, VdbQuality};
 
 /// A volume that casts shadows.
 pub(super) struct Caster<'a> {
@@ -30,6 +30,8 @@ pub(super) struct Caster<'a> {
 pub(super) struct Cast {
     pub volumes: Vec<types::Volume>,
     pub maps: Vec<(Option<Entity>, Entity, types::View)>,
+    /// The cameras that show meshes without the grain of fog's shadows.
+    pub smoothed: Vec<Entity>,
     clip_planes: ExtractedClipPlanes,
 }
 
@@ -106,10 +108,7 @@ fn set_back(view: &ExtractedView, corners: impl Iterator<Item = DVec3>) -> (DAff
 /// All volumes that cast shadows, fogs first, because their numbers select their thresholds in a
 /// texel.
 pub(super) fn casters<'a>(volumes: &'a ExtractedVolumes, pool: &VdbTreePool) -> Vec<Caster<'a>> {
-    let all = volumes
-        .0
-        .iter()
-        .filter(|(_, volume)| volume.visible && volume.casts && volume.packed.occupied.is_some());
+    let all = volumes.0.iter().filter(|(_, volume)| may_cast(volume));
     let mut casters: Vec<_> = all
         .filter_map(|(&entity, volume)| {
             Some(Caster { entity, volume, shown: Shown::finest(volume, pool)? })
@@ -121,14 +120,42 @@ pub(super) fn casters<'a>(volumes: &'a ExtractedVolumes, pool: &VdbTreePool) -> 
     casters
 }
 
+fn may_cast(volume: &ExtractedVolume) -> bool {
+    volume.visible && volume.casts && volume.packed.occupied.is_some()
+}
+
 /// The kinds of custom materials of fogs, a bit each.
 pub(super) fn fog_materials(casters: &[Caster]) -> u32 {
     let fogs = casters.iter().filter(|caster| matches!(caster.volume.packed.kind, PackKind::Fog));
     fogs.filter_map(|caster| caster.volume.own_material).fold(0, |all, own| all | 1 << own.kind)
 }
 
+/// Whether volumes cast shadows on the meshes that a camera sees.
+pub(super) fn casts_for(
+    settings: Option<&VdbCamera>,
+    quality: Option<&VdbQuality>,
+    visible: &RenderVisibleEntities,
+) -> bool {
+    settings.is_none_or(|camera| camera.enabled && camera.mesh_shadows)
+        && quality.is_none_or(|quality| quality.shadows)
+        && sees_meshes(visible)
+}
+
+/// Whether fog casts shadows that a camera shows without grain, on the meshes that it sees.
+pub(in crate::render) fn removes_grain(
+    settings: Option<&VdbCamera>,
+    quality: Option<&VdbQuality>,
+    visible: &RenderVisibleEntities,
+    volumes: &ExtractedVolumes,
+) -> bool {
+    let is_fog = |volume: &ExtractedVolume| matches!(volume.packed.kind, PackKind::Fog);
+    quality.is_none_or(|quality| quality.denoise)
+        && casts_for(settings, quality, visible)
+        && volumes.0.values().any(|volume| is_fog(volume) && may_cast(volume))
+}
+
 /// Whether a camera sees a mesh that could receive shadows.
-pub(super) fn sees_meshes(visible: &RenderVisibleEntities) -> bool {
+fn sees_meshes(visible: &RenderVisibleEntities) -> bool {
     visible.classes.get(&TypeId::of::<Mesh3d>()).is_some_and(|class| {
         !class.entities_cpu_culling.is_empty() || !class.entities_gpu_culling.is_empty()
     })

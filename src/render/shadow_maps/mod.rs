@@ -3,9 +3,10 @@
 //! shadow each other by rays, exactly, and use copies of the maps made before.
 
 mod casters;
-mod mesh_maps;
+mod copies;
 mod pipeline;
 
+use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use bevy::camera::visibility::RenderLayers;
@@ -22,8 +23,7 @@ use bevy::render::camera::TemporalJitter;
 use bevy::render::diagnostic::RecordDiagnostics;
 use bevy::render::render_resource::{
     BindGroup, BindGroupLayout, Buffer, BufferInitDescriptor, BufferUsages, CachedRenderPipelineId,
-    LoadOp, Operations, PipelineCache, RenderPassDepthStencilAttachment, RenderPassDescriptor,
-    RenderPipeline, SpecializedRenderPipelines, StoreOp, TextureView, TextureViewDimension,
+    PipelineCache, RenderPassDescriptor, SpecializedRenderPipelines, StoreOp, TextureView,
 };
 use bevy::render::renderer::{RenderContext, RenderDevice, RenderQueue, ViewQuery};
 use bevy::render::texture::TextureCache;
@@ -36,13 +36,15 @@ use super::gpu::{
     load_shaders, types,
 };
 use super::pool::{PoolBuffers, VdbTreePool};
-use super::trace::MeshShadowMaps;
+use super::trace::{MeshShadowMaps, ShadowMaps};
 use super::view::{MaterialTable, PrepareViews, RampTexture, ViewState, random_offset};
 use crate::quality::features::Features;
 use crate::{VdbCamera, VdbQuality};
-use casters::{Cast, casters, sees_meshes};
-use mesh_maps::MeshMap;
+use casters::{Cast, casters, casts_for};
+use copies::Copies;
 use pipeline::{CastPipeline, MeshDepthPipeline};
+
+pub(super) use casters::removes_grain;
 
 /// Draws volumes into Bevy's shadow maps.
 pub(super) struct ShadowMapsPlugin;
@@ -81,18 +83,39 @@ pub(super) struct CastShadows {
     copy: Option<CachedRenderPipelineId>,
     /// Whether a pipeline is being compiled, so nothing is drawn.
     pub is_waiting: bool,
-    /// Copies with meshes alone, of the maps of directional and spot lights, and of point lights.
-    directional: Option<MeshMap>,
-    point: Option<MeshMap>,
+    /// Copies of the maps with meshes alone.
+    meshes: Copies,
+    /// Copies with meshes and surfaces, if some cast shadows beside fog whose grain is removed.
+    fogless: Option<Copies>,
+    /// What the grain of fog is found by.
+    grain: Option<FogGrain>,
     /// Whether the maps shared by all cameras have been drawn; the first camera draws them.
     shared_done: AtomicBool,
 }
 
 impl CastShadows {
+    /// The shadow maps with fog and without, if a camera shows meshes without the grain of fog's shadows.
+    pub fn grain_for(&self, camera: Entity) -> Option<&FogGrain> {
+        self.grain.as_ref().filter(|grain| grain.cameras.contains(&camera))
+    }
+
     /// Whether volumes are drawn into the shadow maps of a camera, its own or those shared by all.
     pub fn are_cast_for(&self, camera: Entity) -> bool {
         self.draws.iter().any(|draw| draw.camera.is_none_or(|own| own == camera))
     }
+}
+
+/// What the grain that fog leaves in shadow maps is found by.
+pub(super) struct FogGrain {
+    /// The cameras that show meshes without it.
+    cameras: Vec<Entity>,
+    /// Whether fog is drawn into the maps of point or spot lights.
+    pub has_lamps: bool,
+    /// The maps without fog.
+    pub without_fog: ShadowMaps,
+    /// All layers of the maps of directional and spot lights and of those of point lights, with fog and
+    /// without.
+    pub layers: [[TextureView; 2]; 2],
 }
 
 /// The volumes in one shadow map.
@@ -101,6 +124,8 @@ struct Draw {
     camera: Option<Entity>,
     map: Entity,
     bind_group: BindGroup,
+    /// The number of fogs, which are the first volumes.
+    fogs: u32,
     volumes: u32,
 }
 
@@ -144,7 +169,7 @@ fn prepare_casters(
     (pool, frame): (Res<VdbTreePool>, Res<FrameCount>),
     cameras: Query<CameraData, With<Camera3d>>,
     maps: Query<MapData, With<ShadowView>>,
-    traced: Query<(&ViewState, &ViewShadowBindings)>,
+    (traced, bindings): (Query<&ViewState>, Query<&ViewShadowBindings>),
     mut pipelines: Pipelines,
     device: Res<RenderDevice>,
     mut textures: ResMut<TextureCache>,
@@ -180,10 +205,12 @@ fn prepare_casters(
         fallback,
     } = &mut pipelines;
     let drawn = specialized_cast.specialize(cache, caster, key);
-    let lit = traced.iter().find(|(view, _)| {
-        view.prepared.as_ref().is_some_and(|view| view.key.has(Features::SHADOWS))
-    });
-    let copied = lit.map(|_| specialized_copy.specialize(cache, copier, ()));
+    let traces_shadows = traced
+        .iter()
+        .any(|view| view.prepared.as_ref().is_some_and(|view| view.key.has(Features::SHADOWS)));
+    let removes_grain = !cast.smoothed.is_empty() && has(types::KIND_FOG);
+    let copies_meshes = traces_shadows || removes_grain;
+    let copied = copies_meshes.then(|| specialized_copy.specialize(cache, copier, ()));
     let is_ready = |id: &CachedRenderPipelineId| fallback.render(cache, *id).is_some();
     // Volumes need a copy of the maps without volumes, so nothing is drawn until copies can be
     // made.
@@ -193,26 +220,30 @@ fn prepare_casters(
     }
     shadows.cast = Some(drawn);
     shadows.copy = copied;
-    if let Some((_, bindings)) = lit {
-        let layout = cache.get_bind_group_layout(&copier.layout);
-        let mut copy = |texture, dimension| {
-            MeshMap::new(texture, dimension, &mut textures, &device, |entries| {
-                device.create_bind_group("vdb_mesh_depth", &layout, entries)
-            })
-        };
+    if let Some(bindings) = bindings.iter().next().filter(|_| copies_meshes) {
         let is_point = |map: Entity| {
             maps.get(map).is_ok_and(|(_, _, kind, _)| matches!(kind, LightEntity::Point { .. }))
         };
-        if cast.maps.iter().any(|(_, map, _)| !is_point(*map)) {
-            let texture = &bindings.directional_light_depth_texture;
-            shadows.directional = Some(copy(texture, TextureViewDimension::D2Array));
+        let kinds = [false, true].map(|point| cast.maps.iter().any(|own| is_point(own.1) == point));
+        let layout = cache.get_bind_group_layout(&copier.layout);
+        let mut copies = || Copies::new(kinds, bindings, &mut textures, &device, &layout);
+        shadows.meshes = copies();
+        mesh_maps.0 = shadows.meshes.maps();
+        if removes_grain {
+            let has_surfaces = has(types::KIND_SURFACE) || has(types::KIND_SMOOTH);
+            shadows.fogless = has_surfaces.then(copies);
+            let without = shadows.fogless.as_ref().unwrap_or(&shadows.meshes);
+            let is_lamp = |map: Entity| {
+                maps.get(map)
+                    .is_ok_and(|(_, _, kind, _)| !matches!(kind, LightEntity::Directional { .. }))
+            };
+            shadows.grain = Some(FogGrain {
+                cameras: cast.smoothed.clone(),
+                has_lamps: cast.maps.iter().any(|own| is_lamp(own.1)),
+                without_fog: without.maps(),
+                layers: without.layers(bindings),
+            });
         }
-        if cast.maps.iter().any(|(_, map, _)| is_point(*map)) {
-            let texture = &bindings.point_light_depth_texture;
-            shadows.point = Some(copy(texture, TextureViewDimension::CubeArray));
-        }
-        mesh_maps.directional = shadows.directional.as_ref().map(|map| map.view.clone());
-        mesh_maps.point = shadows.point.as_ref().map(|map| map.view.clone());
     }
     let Tables { ramps, all_ramps, materials, all_materials, queue } = &mut tables;
     let ramps = if key.features.contains(Features::RAMPS) {
@@ -240,12 +271,13 @@ fn list_maps(
     let mut cast = Cast::new(clip_planes);
     let mut wanted = false;
     for (camera, (settings, quality), visible, layers, lights, jitter) in cameras {
-        let casts = settings.is_none_or(|camera| camera.enabled && camera.mesh_shadows)
-            && quality.is_none_or(|quality| quality.shadows);
-        if !casts || !sees_meshes(visible) {
+        if !casts_for(settings, quality, visible) {
             continue;
         }
         wanted = true;
+        if quality.is_none_or(|quality| quality.denoise) {
+            cast.smoothed.push(camera);
+        }
         let layers = layers.cloned().unwrap_or_default();
         for (map, view, _, light) in maps.iter_many(&lights.lights) {
             let casts = |own: &RenderLayers| own.intersects(&layers) && own.intersects(light);
@@ -289,9 +321,12 @@ fn draws(
     };
     let draw = |(camera, map, view): (_, _, types::View)| {
         let uniform = buffer("vdb_cast_view", bytemuck::bytes_of(&view), BufferUsages::UNIFORM);
-        Draw { camera, map, bind_group: bind(&uniform), volumes: view.volume_count }
+        let (first, volumes) = (view.volume_first as usize, view.volume_count);
+        let own = &cast.volumes[first..first + volumes as usize];
+        let fogs = own.iter().filter(|volume| volume.kind == types::KIND_FOG).count() as u32;
+        Draw { camera, map, bind_group: bind(&uniform), fogs, volumes }
     };
-    cast.maps.into_iter().map(draw).collect()
+    cast.maps.iter().cloned().map(draw).collect()
 }
 
 /// Copies the shadow maps of the view's lights, then draws volumes into them.
@@ -311,53 +346,42 @@ fn cast(
     let diagnostics = context.diagnostic_recorder();
     let diagnostics = diagnostics.as_deref();
     let span = diagnostics.time_span(context.command_encoder(), "vdb_cast");
-    if let Some(copy) = shadows.copy.and_then(|id| fallback.render(&cache, id)) {
-        // Later cameras copy only their own cascades: the shared maps already have volumes in them.
-        let own = if is_first { usize::MAX } else { lights.lights.len() };
-        copy_maps(&mut context, &shadows, &copy, own, is_first);
-    }
+    // Later cameras copy only their own cascades: the shared maps already have volumes in them.
+    let own = if is_first { usize::MAX } else { lights.lights.len() };
+    let copy = shadows.copy.and_then(|id| fallback.render(&cache, id));
+    let copy_to = |copies: &Copies, context: &mut RenderContext| {
+        if let Some(copy) = &copy {
+            copies.draw(context, copy, own, is_first);
+        }
+    };
     let empty = cache.get_bind_group_layout(&empty_layout());
     let empty = device.create_bind_group("vdb_empty", &empty, &[]);
-    let own = |draw: &&Draw| draw.camera.map_or(is_first, |own| own == camera);
-    for draw in shadows.draws.iter().filter(own) {
-        let Ok(map) = maps.get(draw.map) else { continue };
-        let mut pass = context.begin_tracked_render_pass(RenderPassDescriptor {
-            label: Some("vdb_cast"),
-            depth_stencil_attachment: Some(map.depth_attachment.get_attachment(StoreOp::Store)),
-            ..default()
-        });
-        pass.set_render_pipeline(&cast);
-        pass.set_bind_group(0, &empty, &[]);
-        pass.set_bind_group(1, &empty, &[]);
-        pass.set_bind_group(GROUP as usize, &draw.bind_group, &[]);
-        pass.draw(0..4, 0..draw.volumes);
+    let draw = |context: &mut RenderContext, volumes: fn(&Draw) -> Range<u32>| {
+        let own = |draw: &&Draw| draw.camera.map_or(is_first, |own| own == camera);
+        for draw in shadows.draws.iter().filter(own) {
+            let (Ok(map), volumes) = (maps.get(draw.map), volumes(draw)) else { continue };
+            if volumes.is_empty() {
+                continue;
+            }
+            let mut pass = context.begin_tracked_render_pass(RenderPassDescriptor {
+                label: Some("vdb_cast"),
+                depth_stencil_attachment: Some(map.depth_attachment.get_attachment(StoreOp::Store)),
+                ..default()
+            });
+            pass.set_render_pipeline(&cast);
+            pass.set_bind_group(0, &empty, &[]);
+            pass.set_bind_group(1, &empty, &[]);
+            pass.set_bind_group(GROUP as usize, &draw.bind_group, &[]);
+            pass.draw(0..4, volumes);
+        }
+    };
+    copy_to(&shadows.meshes, &mut context);
+    if let Some(fogless) = &shadows.fogless {
+        draw(&mut context, |draw| draw.fogs..draw.volumes);
+        copy_to(fogless, &mut context);
+        draw(&mut context, |draw| 0..draw.fogs);
+    } else {
+        draw(&mut context, |draw| 0..draw.volumes);
     }
     span.end(context.command_encoder());
-}
-
-/// Copies the first layers of the map of directional and spot lights and, for the first camera, all
-/// layers of the map of point lights.
-fn copy_maps(
-    context: &mut RenderContext,
-    shadows: &CastShadows,
-    copy: &RenderPipeline,
-    own: usize,
-    is_first: bool,
-) {
-    let directional = shadows.directional.iter().flat_map(|map| map.layers.iter().take(own));
-    let point = shadows.point.iter().filter(|_| is_first).flat_map(|map| &map.layers);
-    for (source, target) in directional.chain(point) {
-        let mut pass = context.begin_tracked_render_pass(RenderPassDescriptor {
-            label: Some("vdb_mesh_depth"),
-            depth_stencil_attachment: Some(RenderPassDepthStencilAttachment {
-                view: target,
-                depth_ops: Some(Operations { load: LoadOp::Clear(0.0), store: StoreOp::Store }),
-                stencil_ops: None,
-            }),
-            ..default()
-        });
-        pass.set_render_pipeline(copy);
-        pass.set_bind_group(0, source, &[]);
-        pass.draw(0..3, 0..1);
-    }
 }

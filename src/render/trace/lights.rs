@@ -31,15 +31,19 @@ use crate::render::extract::ExtractedEnvironment;
 use crate::render::gpu::empty_layout;
 use crate::render::view::ViewKey;
 
-/// Copies of Bevy's shadow maps with meshes alone, made where volumes are then drawn into Bevy's
-/// own. The trace uses the copies, because volumes shadow each other by rays.
-#[derive(Debug, Default, Resource)]
-pub(crate) struct MeshShadowMaps {
+/// Shadow maps to be used instead of Bevy's own.
+#[derive(Clone, Debug, Default)]
+pub(in crate::render) struct ShadowMaps {
     /// The maps of directional lights and spot lights.
     pub directional: Option<TextureView>,
     /// The maps of point lights.
     pub point: Option<TextureView>,
 }
+
+/// Copies of Bevy's shadow maps with meshes alone, made where volumes are then drawn into Bevy's
+/// own. The trace uses the copies, because volumes shadow each other by rays.
+#[derive(Debug, Default, Resource)]
+pub(crate) struct MeshShadowMaps(pub ShadowMaps);
 
 /// The bindings in Bevy's group 0 of shadow maps and their samplers.
 const SHADOW_MAPS: [u32; 4] = [2, 3, 5, 6];
@@ -55,7 +59,7 @@ const AREA_LIGHTS: [u32; 2] = [35, 36];
 
 /// The layouts of Bevy's two groups, for compute shaders.
 #[derive(Clone, Debug)]
-pub(super) struct LightLayouts {
+pub(in crate::render) struct LightLayouts {
     /// Without and with shadow maps, each without and with distance fog, and then rectangle lights.
     lights: [[[BindGroupLayoutDescriptor; 2]; 2]; 2],
     /// Without and with [`Around::maps`], [`Around::volumes`] and [`Around::arrays`].
@@ -206,14 +210,14 @@ fn padded<'a>(
 
 /// The bind groups of Bevy's groups, with the dynamic offsets of a view.
 #[derive(Clone, Debug)]
-pub(super) struct LightBindGroups {
+pub(in crate::render) struct LightBindGroups {
     pub groups: [BindGroup; 2],
     pub offsets: Vec<u32>,
 }
 
 /// Bevy's light components on a view.
 #[derive(QueryData)]
-pub(super) struct ViewLights {
+pub(in crate::render) struct ViewLights {
     view: &'static ViewUniformOffset,
     lights: &'static ViewLightsUniformOffset,
     probes: &'static ViewLightProbesUniformOffset,
@@ -227,7 +231,7 @@ pub(super) struct ViewLights {
 
 /// Bevy's light resources for all views.
 #[derive(SystemParam)]
-pub(super) struct AllLights<'w> {
+pub(in crate::render) struct AllLights<'w> {
     views: Res<'w, ViewUniforms>,
     lights: Res<'w, LightMeta>,
     clustered: Res<'w, GlobalClusterableObjectMeta>,
@@ -243,13 +247,19 @@ pub(super) struct AllLights<'w> {
 }
 
 impl AllLights<'_> {
-    /// The bind groups of a view; empty in unlit views. `None` until Bevy has prepared all
+    /// The shadow maps for volumes: without volumes, because those shadow each other by rays.
+    pub fn mesh_maps(&self) -> &ShadowMaps {
+        &self.mesh_shadows.0
+    }
+
+    /// The bind groups of a view, with given shadow maps; empty in unlit views. `None` until Bevy has prepared all
     /// resources, including images.
     pub fn bind(
         &self,
         features: Features,
         layouts: &LightLayouts,
         view: Option<&ViewLightsItem>,
+        maps: &ShadowMaps,
         device: &RenderDevice,
         cache: &PipelineCache,
     ) -> Option<LightBindGroups> {
@@ -278,7 +288,7 @@ impl AllLights<'_> {
             (12, self.probes.binding()?),
         ));
         if features.contains(Features::SHADOWS) {
-            let MeshShadowMaps { directional, point } = &*self.mesh_shadows;
+            let ShadowMaps { directional, point } = maps;
             let own_point = &shadows.point_light_depth_texture_view;
             let own_directional = &shadows.directional_light_depth_texture_view;
             entries = entries.extend_with_indices((

@@ -44,13 +44,14 @@ use blackbody::BlackbodyColors;
 use edges::{FindEdges, bind_edges, prepare_edges, refine};
 use gather::gather_lamp_light;
 use lamp_light::{LampLightPipeline, LampLightView};
-use lights::{AllLights, LightLayouts, ViewLights};
 use mesh_picture::MeshPictures;
 use pipeline::TracePipeline;
 use view::{BindGroups, Pipelines};
 
 pub(super) use edges::{EdgesView, find_edges};
-pub(super) use lights::MeshShadowMaps;
+pub(super) use lights::{
+    AllLights, LightBindGroups, LightLayouts, MeshShadowMaps, ShadowMaps, ViewLights,
+};
 pub(super) use view::TraceView;
 
 /// The threads of a workgroup in `beams.wgsl`.
@@ -222,7 +223,9 @@ fn bind(
         else {
             continue;
         };
-        let bind = |features, view| all_lights.bind(features, &trace.lights, view, &device, &cache);
+        let maps = all_lights.mesh_maps();
+        let bind =
+            |features, view| all_lights.bind(features, &trace.lights, view, maps, &device, &cache);
         let features = prepared.key.features;
         let has_ramps = features.contains(Features::RAMPS);
         let ramps = if has_ramps { ramps.get(&all_ramps, &device, &queue) } else { None };

@@ -37,6 +37,15 @@ pub(super) struct Surroundings {
     irradiance_volumes: Option<&'static RenderViewLightProbes<IrradianceVolume>>,
 }
 
+/// The shader def of Bevy's shadow filtering of a camera.
+pub(crate) fn shadow_filter_def(filter: Option<&ShadowFilteringMethod>) -> &'static str {
+    match filter.copied().unwrap_or_default() {
+        ShadowFilteringMethod::Hardware2x2 => "SHADOW_FILTER_METHOD_HARDWARE_2X2",
+        ShadowFilteringMethod::Gaussian => "SHADOW_FILTER_METHOD_GAUSSIAN",
+        ShadowFilteringMethod::Temporal => "SHADOW_FILTER_METHOD_TEMPORAL",
+    }
+}
+
 impl Lights<'_, '_> {
     /// The features that the lights require of a view's trace and, with shadows, the shader def of
     /// Bevy's shadow filtering.
@@ -51,11 +60,6 @@ impl Lights<'_, '_> {
         let cast = self.suns.iter().any(|light| light.shadow_maps_enabled)
             || self.local.iter().any(|light| light.shadow_maps_enabled);
         let shadows = shadows && cast;
-        let filter = match filter.copied().unwrap_or_default() {
-            ShadowFilteringMethod::Hardware2x2 => "SHADOW_FILTER_METHOD_HARDWARE_2X2",
-            ShadowFilteringMethod::Gaussian => "SHADOW_FILTER_METHOD_GAUSSIAN",
-            ShadowFilteringMethod::Temporal => "SHADOW_FILTER_METHOD_TEMPORAL",
-        };
         let casting_suns = self.suns.iter().filter(|light| light.shadow_maps_enabled).count();
         let casting_lamps = self.local.iter().filter(|light| light.shadow_maps_enabled).count();
         let needs_rays =
@@ -92,7 +96,7 @@ impl Lights<'_, '_> {
             | Features::REFLECTION_PROBES.when(has_probes)
             | Features::IRRADIANCE_VOLUMES.when(around.irradiance_volumes.is_some())
             | Features::DISTANCE_FOG.when(distance_fog);
-        (features, shadows.then_some(filter))
+        (features, shadows.then(|| shadow_filter_def(filter)))
     }
 
     /// The number of directional lights in the light cache.

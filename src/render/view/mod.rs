@@ -34,6 +34,7 @@ pub(super) use cached_fog::{CacheLayout, CachedFog};
 pub(super) use eye::Eye;
 pub(super) use key::ViewKey;
 pub(super) use lattice::Lattice;
+pub(super) use lights::shadow_filter_def;
 pub(super) use list::Entry;
 pub(super) use materials::MaterialTable;
 pub(super) use picture_pass::{

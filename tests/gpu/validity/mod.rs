@@ -249,3 +249,16 @@ fn what_is_drawn_into_shadow_maps_is_valid() {
     }
     check(&mut composer, "shadow_maps/mesh_depth", &[]);
 }
+
+#[test]
+fn smoothing_the_shadows_of_fog_is_valid() {
+    let mut composer = composer();
+    for filter in ["HARDWARE_2X2", "GAUSSIAN", "TEMPORAL"] {
+        let filter = format!("SHADOW_FILTER_METHOD_{filter}");
+        for defs in subsets(&["MULTISAMPLED", "VDB_LOCAL_LIGHTS", "VDB_WITH_FOG"]) {
+            check(&mut composer, "fog_shadows/find", &[&defs, &[filter.as_str()][..]].concat());
+        }
+    }
+    check(&mut composer, "fog_shadows/smooth", &[]);
+    check(&mut composer, "fog_shadows/draw", &[]);
+}
