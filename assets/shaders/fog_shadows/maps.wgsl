@@ -64,6 +64,9 @@ fn fraction(with_fog: f32, without_fog: f32) -> f32 {
 
 // The fraction of light that fog lets through, by the maps of directional and spot lights.
 fn past_fog(place: Place) -> f32 {
+    if !place.is_inside {
+        return 1.0;
+    }
     let size = vec2<f32>(textureDimensions(maps_with_fog));
     let window = window_at(place.uv, size);
     var with_fog = 0.0;
@@ -94,13 +97,9 @@ fn past_fog(place: Place) -> f32 {
     return fraction(with_fog, without_fog);
 }
 
-// The map of a directional light, displaced as Bevy does against shadows of surfaces on themselves.
-fn sun_place(at: ShadingPoint, sun: u32) -> Place {
+// The place in a cascade of a directional light, displaced as Bevy does against shadows of surfaces on themselves.
+fn sun_place(at: ShadingPoint, sun: u32, cascade: u32) -> Place {
     let light = &bevy::lights.directional_lights[sun];
-    let cascade = get_cascade_index(sun, view_z(at.position));
-    if cascade >= (*light).num_cascades {
-        return OUTSIDE;
-    }
     let by_normal = (*light).shadow_normal_bias * (*light).cascades[cascade].texel_size * at.normal;
     let by_depth = (*light).shadow_depth_bias * (*light).direction_to_light;
     let place = world_to_directional_light_local(sun, cascade, vec4(at.position + by_normal + by_depth, 1.0));
@@ -162,6 +161,9 @@ fn point_place(at: ShadingPoint, lamp: u32) -> Place {
 
 // As `past_fog`, by the maps of point lights.
 fn past_fog_of_point_light(place: Place) -> f32 {
+    if !place.is_inside {
+        return 1.0;
+    }
     let size = vec2<f32>(textureDimensions(faces_with_fog));
     // Faces are filtered on their own.
     let inside = clamp(place.uv, REACH / size, 1.0 - REACH / size);
@@ -197,27 +199,28 @@ fn past_fog_of_point_light(place: Place) -> f32 {
 
 // The fraction of a directional light that fog lets through to a point.
 fn sun_past_fog(at: ShadingPoint, sun: u32) -> f32 {
-    let place = sun_place(at, sun);
-    if !place.is_inside {
+    let light = &bevy::lights.directional_lights[sun];
+    let distance = -view_z(at.position);
+    let cascade = get_cascade_index(sun, -distance);
+    if cascade >= (*light).num_cascades {
         return 1.0;
     }
-    return past_fog(place);
+    let past = past_fog(sun_place(at, sun, cascade));
+    // Cascades overlap, and are blended there as Bevy does.
+    let far = (*light).cascades[cascade].far_bound;
+    let near = (1.0 - (*light).cascades_overlap_proportion) * far;
+    if distance < near || cascade + 1u >= (*light).num_cascades {
+        return past;
+    }
+    return mix(past, past_fog(sun_place(at, sun, cascade + 1u)), (distance - near) / (far - near));
 }
 
 #ifdef VDB_LOCAL_LIGHTS
 // The same for a point or spot light.
 fn lamp_past_fog(at: ShadingPoint, lamp: u32) -> f32 {
     if is_spot(lamp) {
-        let place = spot_place(at, lamp);
-        if !place.is_inside {
-            return 1.0;
-        }
-        return past_fog(place);
+        return past_fog(spot_place(at, lamp));
     }
-    let place = point_place(at, lamp);
-    if !place.is_inside {
-        return 1.0;
-    }
-    return past_fog_of_point_light(place);
+    return past_fog_of_point_light(point_place(at, lamp));
 }
 #endif

@@ -19,6 +19,10 @@
 // Pixels from the middle of the window to its border.
 const RADIUS: i32 = 3;
 
+// The least fraction of light, and the least variance of grain, from which anything is concluded.
+const LEAST_LIGHT: f32 = 0.02;
+const LEAST_VARIANCE: f32 = 4e-6;
+
 // The largest difference between the distances of a pixel and a neighbour on the same mesh: several times that
 // which the pixel has to the next one, and at least a fraction of the distance.
 fn depth_tolerance(pixel: vec2<i32>, distance: f32) -> f32 {
@@ -101,6 +105,7 @@ fn remove_grain(@builtin(global_invocation_id) id: vec3<u32>) {
     var count = 0.0;
     var light = 0.0;
     var colors = vec3(0.0);
+    var grain_squared = 0.0;
     var grain_light = 0.0;
     var grain_colors = vec3(0.0);
     for (var y = -RADIUS; y <= RADIUS; y++) {
@@ -114,13 +119,17 @@ fn remove_grain(@builtin(global_invocation_id) id: vec3<u32>) {
                 count += 1.0;
                 light += lighter;
                 colors += more;
+                grain_squared += grain * grain;
                 grain_light += grain * lighter;
                 grain_colors += grain * more;
             }
         }
     }
-    // The lights contribute no more than the whole colour.
-    let most = (color.rgb * count + colors) / max(own.light * count + light, 1e-3);
-    let gain = clamp(grain_colors / max(grain_light, 1e-12), vec3(0.0), most);
+    // The lights contribute no more than the whole colour. Where there is hardly any grain, or where light does not
+    // follow it because none arrives, nothing is known of them.
+    let mean = max(color.rgb + colors / count, vec3(0.0));
+    let most = mean / max(own.light + light / count, LEAST_LIGHT);
+    let covariance = max(grain_light, grain_squared) + LEAST_VARIANCE * count;
+    let gain = clamp(grain_colors / covariance, vec3(0.0), most);
     textureStore(smoothed, id.xy, vec4(max(color.rgb - gain * own.excess, vec3(0.0)), color.a));
 }

@@ -36,6 +36,16 @@ pub(super) struct Cast {
 }
 
 impl Cast {
+    /// Whether a volume of a kind is drawn.
+    pub fn has(&self, kind: u32) -> bool {
+        self.volumes.iter().any(|volume| volume.kind == kind)
+    }
+
+    /// Whether a camera shows meshes in the shadow of fog, without grain.
+    pub fn has_grain(&self) -> bool {
+        !self.smoothed.is_empty() && self.has(types::KIND_FOG)
+    }
+
     pub fn new(clip_planes: &ExtractedClipPlanes) -> Self {
         Self { clip_planes: clip_planes.clone(), ..default() }
     }

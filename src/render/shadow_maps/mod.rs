@@ -103,6 +103,32 @@ impl CastShadows {
     pub fn are_cast_for(&self, camera: Entity) -> bool {
         self.draws.iter().any(|draw| draw.camera.is_none_or(|own| own == camera))
     }
+
+    /// Creates the copies of the maps that are drawn.
+    fn copy_maps(
+        &mut self,
+        cast: &Cast,
+        maps: &Query<MapData, With<ShadowView>>,
+        bindings: &ViewShadowBindings,
+        mut copies: impl FnMut([bool; 2]) -> Copies,
+    ) {
+        let lights = || cast.maps.iter().filter_map(|own| maps.get(own.1).ok().map(|map| map.2));
+        let is_point = |light: &LightEntity| matches!(light, LightEntity::Point { .. });
+        let kinds = [lights().any(|light| !is_point(light)), lights().any(is_point)];
+        self.meshes = copies(kinds);
+        if !cast.has_grain() {
+            return;
+        }
+        let has_surfaces = cast.has(types::KIND_SURFACE) || cast.has(types::KIND_SMOOTH);
+        self.fogless = has_surfaces.then(|| copies(kinds));
+        let without_fog = self.fogless.as_ref().unwrap_or(&self.meshes);
+        self.grain = Some(FogGrain {
+            cameras: cast.smoothed.clone(),
+            has_lamps: lights().any(|light| !matches!(light, LightEntity::Directional { .. })),
+            without_fog: without_fog.maps(),
+            layers: without_fog.layers(bindings),
+        });
+    }
 }
 
 /// What the grain that fog leaves in shadow maps is found by.
@@ -183,7 +209,7 @@ fn prepare_casters(
         return;
     }
     let materials = casters::fog_materials(&casters);
-    let has = |kind| cast.volumes.iter().any(|volume| volume.kind == kind);
+    let has = |kind| cast.has(kind);
     let key = TraversalKey {
         features: Features::VOXELS.when(has(types::KIND_SURFACE))
             | Features::SMOOTH.when(has(types::KIND_SMOOTH))
@@ -208,8 +234,7 @@ fn prepare_casters(
     let traces_shadows = traced
         .iter()
         .any(|view| view.prepared.as_ref().is_some_and(|view| view.key.has(Features::SHADOWS)));
-    let removes_grain = !cast.smoothed.is_empty() && has(types::KIND_FOG);
-    let copies_meshes = traces_shadows || removes_grain;
+    let copies_meshes = traces_shadows || cast.has_grain();
     let copied = copies_meshes.then(|| specialized_copy.specialize(cache, copier, ()));
     let is_ready = |id: &CachedRenderPipelineId| fallback.render(cache, *id).is_some();
     // Volumes need a copy of the maps without volumes, so nothing is drawn until copies can be
@@ -221,29 +246,10 @@ fn prepare_casters(
     shadows.cast = Some(drawn);
     shadows.copy = copied;
     if let Some(bindings) = bindings.iter().next().filter(|_| copies_meshes) {
-        let is_point = |map: Entity| {
-            maps.get(map).is_ok_and(|(_, _, kind, _)| matches!(kind, LightEntity::Point { .. }))
-        };
-        let kinds = [false, true].map(|point| cast.maps.iter().any(|own| is_point(own.1) == point));
         let layout = cache.get_bind_group_layout(&copier.layout);
-        let mut copies = || Copies::new(kinds, bindings, &mut textures, &device, &layout);
-        shadows.meshes = copies();
+        let copies = |kinds| Copies::new(kinds, bindings, &mut textures, &device, &layout);
+        shadows.copy_maps(&cast, &maps, bindings, copies);
         mesh_maps.0 = shadows.meshes.maps();
-        if removes_grain {
-            let has_surfaces = has(types::KIND_SURFACE) || has(types::KIND_SMOOTH);
-            shadows.fogless = has_surfaces.then(copies);
-            let without = shadows.fogless.as_ref().unwrap_or(&shadows.meshes);
-            let is_lamp = |map: Entity| {
-                maps.get(map)
-                    .is_ok_and(|(_, _, kind, _)| !matches!(kind, LightEntity::Directional { .. }))
-            };
-            shadows.grain = Some(FogGrain {
-                cameras: cast.smoothed.clone(),
-                has_lamps: cast.maps.iter().any(|own| is_lamp(own.1)),
-                without_fog: without.maps(),
-                layers: without.layers(bindings),
-            });
-        }
     }
     let Tables { ramps, all_ramps, materials, all_materials, queue } = &mut tables;
     let ramps = if key.features.contains(Features::RAMPS) {
