@@ -12,7 +12,7 @@ use bevy::core_pipeline::core_3d::{main_opaque_pass_3d, prepare_core_3d_depth_te
 use bevy::core_pipeline::schedule::{Core3d, Core3dSystems};
 use bevy::ecs::system::SystemParam;
 use bevy::light::ShadowFilteringMethod;
-use bevy::pbr::MeshPipeline;
+use bevy::pbr::{MeshPipeline, MeshPipelineSystems};
 use bevy::platform::collections::HashMap;
 use bevy::prelude::*;
 use bevy::render::camera::ExtractedCamera;
@@ -48,7 +48,7 @@ impl Plugin for FogShadowsPlugin {
             .init_gpu_resource::<SpecializedComputePipelines<FindPipeline>>()
             .init_gpu_resource::<SpecializedComputePipelines<SmoothPipelines>>()
             .init_gpu_resource::<SpecializedRenderPipelines<SmoothPipelines>>()
-            .add_systems(RenderStartup, init.after(load_shaders))
+            .add_systems(RenderStartup, init.after(MeshPipelineSystems).after(load_shaders))
             .add_systems(
                 Render,
                 (
