@@ -115,7 +115,9 @@ fn find(@builtin(global_invocation_id) id: vec3<u32>) {
     let is_shaded = true;
 #endif
     let here = position_at(vec2<i32>(pixel));
-    if !is_shaded || here.w == 0.0 {
+    // An orthographic camera may also see what is behind it.
+    let distance = -view_z(here.xyz);
+    if !is_shaded || here.w == 0.0 || distance <= 0.0 {
         store_nothing(pixel);
         return;
     }
@@ -158,7 +160,7 @@ fn find(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     arrives /= max(whole, 1e-30);
 #ifdef VDB_WITH_FOG
-    let grain = Grain(arrives - wanted, arrives, -view_z(here.xyz));
+    let grain = Grain(arrives - wanted, arrives, distance);
     textureStore(found, pixel, vec4(encoded_grain(grain), 0u, 0u));
 #else
     textureStore(found, pixel, vec4(select(-1.0, arrives, takes)));
