@@ -17,8 +17,8 @@
 @group(2) @binding(6) var faces_without_fog: texture_depth_2d_array;
 #endif
 
-// Texels between the middle of a mean and its border. Weights fall linearly from the middle, so those of each
-// threshold add up to the same, because the squares that hold all thresholds have edges of this length.
+// Texels between the middle of a mean and its border. Weights fall linearly from the middle, so those of each place
+// in a square of 8×8 texels add up to the same. The thresholds at one place differ by less than 1/64.
 const REACH: f32 = 8.0;
 
 // Where the map of a light shows a point.

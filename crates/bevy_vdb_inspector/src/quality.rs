@@ -35,7 +35,7 @@ pub(super) fn show(
     ui.add(super::widgets::slider(&mut new.reflections, 0..=16).text("reflections"));
     if new.reflections > 0 {
         ui.checkbox(&mut new.mesh_reflections, "reflections of meshes");
-        ui.checkbox(&mut new.denoise, "denoised reflections");
+        ui.checkbox(&mut new.denoise, "denoised");
     }
     let mut exact = new.fog_step == 0.0;
     if ui.checkbox(&mut exact, "exact fog, cell by cell").changed() {
