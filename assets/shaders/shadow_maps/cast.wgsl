@@ -43,14 +43,16 @@ fn quad(@builtin(vertex_index) corner: u32, @builtin(instance_index) instance: u
 // The transmittance at which a texel stops its ray. Fog attenuates light gradually, but a texel has a single
 // depth. Each texel therefore has a threshold of its own: 256 thresholds in squares of 16×16 texels, after
 // Bayer 1973, "An optimum method for two-level rendition of continuous-tone pictures", whose patterns are so
-// fine that shadow map filtering smooths them. The digits of further fogs are rotated, which makes their
-// thresholds independent of the first fog's. In views with temporal jitter, the thresholds change every
+// fine that shadow map filtering smooths them. The first three digits of further fogs are rotated, so that up to
+// three fogs in front of each other hardly share thresholds. The last digit, that of the coarsest squares, stays the last, or
+// the pattern would be as coarse as these. In views with temporal jitter, the thresholds change every
 // frame.
 fn dither_threshold(texel: vec2<u32>, fog: u32) -> f32 {
     var digits = 0u;
     for (var i = 0u; i < 4u; i++) {
         let bit = (texel >> vec2(i)) & vec2(1u);
-        digits |= (2u * (bit.x ^ bit.y) + bit.y) << (2u * ((3u - i + fog % 4u) % 4u));
+        let place = select(1u + (2u - i + fog % 3u) % 3u, 0u, i == 3u);
+        digits |= (2u * (bit.x ^ bit.y) + bit.y) << (2u * place);
     }
     return max(fract((f32(digits) + 0.5) / 256.0 + view.random_offset), 1e-6);
 }
