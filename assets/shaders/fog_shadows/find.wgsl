@@ -1,13 +1,15 @@
 // Finds the grain that fog in shadow maps leaves on meshes, in two dispatches: what light should arrive at each
-// pixel, then what Bevy's meshes took for it. One thread per pixel.
+// pixel, then how much Bevy's shader let arrive there. One thread per pixel.
 //
 // Group 0 holds the shadow maps without fog in the first dispatch, and those with fog in the second, which Bevy's
 // own functions filter as they do where a mesh is shaded.
 
 #import bevy_pbr::mesh_view_bindings as bevy
+#import bevy_render::view::position_ndc_to_world
 #import bevy_vdb::gpu::types::Placement
 #import bevy_vdb::trace::light_list::{ShadingPoint, casts_shadows, lights_at, local_light, to_light, view_z}
 #import bevy_vdb::trace::mesh_shadows::sun_past_meshes
+#import bevy_vdb::view::picture::luminance_of
 #ifdef VDB_LOCAL_LIGHTS
 #import bevy_vdb::trace::illuminance::lamp_illuminance
 #import bevy_vdb::trace::mesh_shadows::lamp_past_meshes
@@ -27,7 +29,7 @@
 @group(2) @binding(0) var scene_depth: texture_depth_2d;
 #endif
 @group(2) @binding(1) var<uniform> placement: Placement;
-// Light is a fraction of that without shadows, of all lights together.
+// Light is relative to what would arrive without shadows from all lights that cast them.
 #ifdef VDB_WITH_FOG
 // See `encoded_grain`.
 @group(2) @binding(2) var found: texture_storage_2d<rg32uint, write>;
@@ -48,14 +50,17 @@ fn store_nothing(pixel: vec2<u32>) {
 
 #ifdef MULTISAMPLED
 // Depth of the mesh at a pixel: the mean of its samples, whose places average to the middle of the pixel, where
-// Bevy shades the mesh.
+// Bevy shades the mesh. 0 where a sample shows no mesh.
 fn depth_at(pixel: vec2<u32>) -> f32 {
     let samples = textureNumSamples(scene_depth);
     var sum = 0.0;
+    var least = 1.0;
     for (var i = 0u; i < samples; i++) {
-        sum += textureLoad(scene_depth, pixel, i32(i));
+        let depth = textureLoad(scene_depth, pixel, i32(i));
+        sum += depth;
+        least = min(least, depth);
     }
-    return sum / f32(samples);
+    return select(0.0, sum / f32(samples), least > 0.0);
 }
 #else
 // Depth of the mesh at a pixel.
@@ -64,42 +69,40 @@ fn depth_at(pixel: vec2<u32>) -> f32 {
 }
 #endif
 
-// The position of a pixel's mesh in world space, and whether there is a mesh.
+// The position of a pixel's mesh in world space, and 1; 0 if there is no mesh or no such pixel.
 fn position_at(pixel: vec2<i32>) -> vec4<f32> {
-    let last = vec2<i32>(placement.size) - 1;
-    let inside = vec2<u32>(clamp(pixel, vec2(0), last));
-    let depth = depth_at(placement.origin + inside);
-    let uv = (vec2<f32>(inside) + 0.5) / vec2<f32>(placement.size);
-    let clip = vec4(2.0 * uv.x - 1.0, 1.0 - 2.0 * uv.y, depth, 1.0);
-    let world = bevy::view.world_from_clip * clip;
-    return vec4(world.xyz / world.w, select(0.0, 1.0, depth > 0.0));
+    if any(pixel < vec2(0)) || any(pixel >= vec2<i32>(placement.size)) {
+        return vec4(0.0);
+    }
+    let depth = depth_at(placement.origin + vec2<u32>(pixel));
+    if depth <= 0.0 {
+        return vec4(0.0);
+    }
+    let uv = (vec2<f32>(pixel) + 0.5) / vec2<f32>(placement.size);
+    let ndc = vec3(2.0 * uv.x - 1.0, 1.0 - 2.0 * uv.y, depth);
+    return vec4(position_ndc_to_world(ndc, bevy::view.world_from_clip), 1.0);
 }
 
 // The difference of positions between a pixel and one of its neighbours along an axis: the nearer one, which is
-// likely to be of the same mesh.
+// likely to be of the same mesh. 0 if neither shows one.
 fn step_along(pixel: vec2<i32>, axis: vec2<i32>, middle: vec3<f32>) -> vec3<f32> {
     let after = position_at(pixel + axis);
     let before = position_at(pixel - axis);
     let ahead = after.xyz - middle;
     let behind = middle - before.xyz;
-    let is_ahead_nearer = dot(ahead, ahead) <= dot(behind, behind);
-    let has_both = after.w > 0.0 && before.w > 0.0 && any(ahead != vec3(0.0)) && any(behind != vec3(0.0));
-    let takes_ahead = select(after.w > 0.0 && any(ahead != vec3(0.0)), is_ahead_nearer, has_both);
-    return select(behind, ahead, takes_ahead);
+    if after.w > 0.0 && (before.w == 0.0 || dot(ahead, ahead) <= dot(behind, behind)) {
+        return ahead;
+    }
+    return select(vec3(0.0), behind, before.w > 0.0);
 }
 
-// The normal of the mesh at a pixel, towards the camera.
+// The normal of the mesh at a pixel, towards the camera; 0 if it is not known.
 fn normal_at(pixel: vec2<i32>, position: vec3<f32>) -> vec3<f32> {
     let x = step_along(pixel, vec2(1, 0), position);
     let y = step_along(pixel, vec2(0, 1), position);
     // To the right and down, as seen by the camera.
     let normal = cross(y, x);
     return normal * inverseSqrt(max(dot(normal, normal), 1e-30));
-}
-
-// Luminance of linear sRGB.
-fn luminance(color: vec3<f32>) -> f32 {
-    return dot(color, vec3(0.2126, 0.7152, 0.0722));
 }
 
 @compute @workgroup_size(8, 8, 1)
@@ -138,7 +141,7 @@ fn find(@builtin(global_invocation_id) id: vec3<u32>) {
         var visible = 1.0;
         var past_fog = 1.0;
         if i < lights.suns {
-            illuminance = luminance(bevy::lights.directional_lights[i].color.rgb);
+            illuminance = luminance_of(bevy::lights.directional_lights[i].color.rgb);
             visible = sun_past_meshes(at, i);
 #ifndef VDB_WITH_FOG
             past_fog = sun_past_fog(at, i);
@@ -147,7 +150,7 @@ fn find(@builtin(global_invocation_id) id: vec3<u32>) {
 #ifdef VDB_LOCAL_LIGHTS
             let lamp = local_light(lights, i);
             let data = bevy::clustered_lights.data[lamp];
-            illuminance = luminance(lamp_illuminance(data, light_vector, vec3(0.0), 0.0));
+            illuminance = luminance_of(lamp_illuminance(data, light_vector, vec3(0.0), 0.0));
             visible = lamp_past_meshes(at, lamp);
 #ifndef VDB_WITH_FOG
             past_fog = lamp_past_fog(at, lamp);

@@ -1,7 +1,7 @@
 // What is known of the grain at a pixel.
 #define_import_path bevy_vdb::fog_shadows::grain
 
-// Light is a fraction of that without shadows, of all lights together.
+// Light is relative to what would arrive without shadows from all lights that cast them.
 struct Grain {
     excess: f32,    // light that arrives in the picture, beyond that which should
     light: f32,     // light that arrives in the picture

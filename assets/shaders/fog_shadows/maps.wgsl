@@ -1,4 +1,4 @@
-// How much of a light fog lets through to a point, from the shadow maps with fog and without: means over as many
+// The fraction of a light that fog lets through to a point, from the shadow maps with fog and without: means over as many
 // texels as there are thresholds (see `shadow_maps/cast.wgsl`), which leave no grain.
 #define_import_path bevy_vdb::fog_shadows::maps
 
@@ -57,44 +57,34 @@ fn square_sum(window: Window, square: vec2<f32>, texels: vec4<f32>) -> f32 {
 // The squares of texels along each edge of a window.
 const SQUARES: u32 = 8u;
 
-fn fraction(with_fog: f32, without_fog: f32) -> f32 {
-    // Where meshes leave nothing, nothing is left for fog to take.
-    return select(1.0, with_fog / without_fog, without_fog > 0.0);
-}
-
-// The fraction of light that fog lets through, by the maps of directional and spot lights.
-fn past_fog(place: Place) -> f32 {
+// The fraction of light that fog lets through around a place, by maps with fog and without.
+fn past_fog(
+    with_fog: texture_depth_2d_array,
+    without_fog: texture_depth_2d_array,
+    compare: sampler_comparison,
+    place: Place,
+) -> f32 {
     if !place.is_inside {
         return 1.0;
     }
-    let size = vec2<f32>(textureDimensions(maps_with_fog));
+    let size = vec2<f32>(textureDimensions(with_fog));
     let window = window_at(place.uv, size);
-    var with_fog = 0.0;
-    var without_fog = 0.0;
+    var left = 0.0;
+    var whole = 0.0;
     for (var i = 0u; i < SQUARES * SQUARES; i++) {
         let square = vec2(f32(i % SQUARES), f32(i / SQUARES));
         let uv = (window.first + 2.0 * square + 1.0) / size;
-        let left = textureGatherCompare(
-            maps_with_fog,
-            bevy::directional_shadow_textures_comparison_sampler,
-            uv,
-            place.layer,
-            place.depth,
-        );
-        var lit = left;
-        if any(left < vec4(1.0)) {
-            lit = textureGatherCompare(
-                maps_without_fog,
-                bevy::directional_shadow_textures_comparison_sampler,
-                uv,
-                place.layer,
-                place.depth,
-            );
+        let past_all = textureGatherCompare(with_fog, compare, uv, place.layer, place.depth);
+        // What passes the fog passes without it, too.
+        var past_meshes = past_all;
+        if any(past_all < vec4(1.0)) {
+            past_meshes = textureGatherCompare(without_fog, compare, uv, place.layer, place.depth);
         }
-        without_fog += square_sum(window, square, lit);
-        with_fog += square_sum(window, square, left);
+        left += square_sum(window, square, past_all);
+        whole += square_sum(window, square, past_meshes);
     }
-    return fraction(with_fog, without_fog);
+    // Where meshes leave nothing, nothing is left for fog to take.
+    return select(1.0, left / whole, whole > 0.0);
 }
 
 // The place in a cascade of a directional light, displaced as Bevy does against shadows of surfaces on themselves.
@@ -155,47 +145,24 @@ fn point_place(at: ShadingPoint, lamp: u32) -> Place {
         face = select(5, 4, place.z > 0.0);
         right_down = vec2(sign(place.z) * place.x, -place.y);
     }
-    let zw = -major * (*light).light_custom_data.xy + (*light).light_custom_data.zw;
-    return Place(0.5 * right_down / major + 0.5, 6 * i32(lamp) + face, zw.x / zw.y, true);
-}
-
-// As `past_fog`, by the maps of point lights.
-fn past_fog_of_point_light(place: Place) -> f32 {
-    if !place.is_inside {
-        return 1.0;
-    }
-    let size = vec2<f32>(textureDimensions(faces_with_fog));
     // Faces are filtered on their own.
-    let inside = clamp(place.uv, REACH / size, 1.0 - REACH / size);
-    let window = window_at(inside, size);
-    var with_fog = 0.0;
-    var without_fog = 0.0;
-    for (var i = 0u; i < SQUARES * SQUARES; i++) {
-        let square = vec2(f32(i % SQUARES), f32(i / SQUARES));
-        let uv = (window.first + 2.0 * square + 1.0) / size;
-        let left = textureGatherCompare(
-            faces_with_fog,
-            bevy::point_shadow_textures_comparison_sampler,
-            uv,
-            place.layer,
-            place.depth,
-        );
-        var lit = left;
-        if any(left < vec4(1.0)) {
-            lit = textureGatherCompare(
-                faces_without_fog,
-                bevy::point_shadow_textures_comparison_sampler,
-                uv,
-                place.layer,
-                place.depth,
-            );
-        }
-        without_fog += square_sum(window, square, lit);
-        with_fog += square_sum(window, square, left);
-    }
-    return fraction(with_fog, without_fog);
+    let texels = vec2<f32>(textureDimensions(faces_with_fog));
+    let reach = min(REACH / texels, vec2(0.5));
+    let uv = clamp(0.5 * right_down / major + 0.5, reach, 1.0 - reach);
+    let zw = -major * (*light).light_custom_data.xy + (*light).light_custom_data.zw;
+    return Place(uv, 6 * i32(lamp) + face, zw.x / zw.y, true);
 }
 #endif
+
+// The same by the maps of directional and spot lights.
+fn past_fog_in_maps(place: Place) -> f32 {
+    return past_fog(
+        maps_with_fog,
+        maps_without_fog,
+        bevy::directional_shadow_textures_comparison_sampler,
+        place,
+    );
+}
 
 // The fraction of a directional light that fog lets through to a point.
 fn sun_past_fog(at: ShadingPoint, sun: u32) -> f32 {
@@ -205,22 +172,27 @@ fn sun_past_fog(at: ShadingPoint, sun: u32) -> f32 {
     if cascade >= (*light).num_cascades {
         return 1.0;
     }
-    let past = past_fog(sun_place(at, sun, cascade));
+    let past = past_fog_in_maps(sun_place(at, sun, cascade));
     // Cascades overlap, and are blended there as Bevy does.
     let far = (*light).cascades[cascade].far_bound;
     let near = (1.0 - (*light).cascades_overlap_proportion) * far;
     if distance < near || cascade + 1u >= (*light).num_cascades {
         return past;
     }
-    return mix(past, past_fog(sun_place(at, sun, cascade + 1u)), (distance - near) / (far - near));
+    return mix(past, past_fog_in_maps(sun_place(at, sun, cascade + 1u)), (distance - near) / (far - near));
 }
 
 #ifdef VDB_LOCAL_LIGHTS
 // The same for a point or spot light.
 fn lamp_past_fog(at: ShadingPoint, lamp: u32) -> f32 {
     if is_spot(lamp) {
-        return past_fog(spot_place(at, lamp));
+        return past_fog_in_maps(spot_place(at, lamp));
     }
-    return past_fog_of_point_light(point_place(at, lamp));
+    return past_fog(
+        faces_with_fog,
+        faces_without_fog,
+        bevy::point_shadow_textures_comparison_sampler,
+        point_place(at, lamp),
+    );
 }
 #endif

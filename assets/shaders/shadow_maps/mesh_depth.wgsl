@@ -1,4 +1,4 @@
-// Copies the depth of meshes from a layer of a shadow map before volumes are drawn over it.
+// Copies the depths of a layer of a shadow map, before volumes or fogs are drawn over them.
 
 @group(0) @binding(0) var layer: texture_depth_2d;
 

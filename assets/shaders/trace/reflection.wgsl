@@ -4,6 +4,7 @@
 #import bevy_pbr::lighting::perceptualRoughnessToRoughness
 #import bevy_vdb::trace::segment::Segment
 #import bevy_vdb::trace::shade::is_mirror
+#import bevy_vdb::view::picture::luminance_of
 #import bevy_vdb::view::reflection::Reflection
 #import bevy_vdb::view::scene::view
 
@@ -51,7 +52,7 @@ fn continue_reflection(path: ptr<function, PathReflection>, distance: f32) {
 
 // Where light joins the path.
 fn add_reflected(path: ptr<function, PathReflection>, color: vec3<f32>, distance: f32) {
-    let luminance = dot(color, vec3(0.2126, 0.7152, 0.0722));
+    let luminance = luminance_of(color);
     (*path).luminance += luminance;
     (*path).closeness += luminance / max(distance, 1e-30);
 }

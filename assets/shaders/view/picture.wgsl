@@ -36,3 +36,8 @@ fn t_of_depth(m: vec4<f32>, depth: f32) -> f32 {
     let w = m.z * depth + m.w;
     return select(-(m.x * depth + m.y) / w, FAR, abs(w) < 1e-30);
 }
+
+// Luminance of linear sRGB.
+fn luminance_of(color: vec3<f32>) -> f32 {
+    return dot(color, vec3(0.2126, 0.7152, 0.0722));
+}

@@ -35,7 +35,7 @@ use super::shadow_maps::{CastShadows, removes_grain};
 use super::trace::{AllLights, LightBindGroups, ShadowMaps, ViewLights};
 use super::view::{PrepareViews, VdbSystems, shadow_filter_def};
 use crate::{VdbCamera, VdbQuality};
-use pipeline::{FORMATS, FindKey, FindPipeline, SmoothPipelines, TargetKey};
+use pipeline::{FORMATS, FindKey, FindPipeline, LIGHTS, SmoothPipelines, TargetKey};
 
 /// Removes the grain of fog's shadows, in cameras that see meshes in them.
 pub(super) struct FogShadowsPlugin;
@@ -211,7 +211,7 @@ fn prepare(
         let own = std::array::from_fn(&mut texture);
         let (find, cache) = (&pipelines.find, &*pipelines.cache);
         let bind_lights = |maps: &ShadowMaps| {
-            all_lights.bind(FindKey::lights(), &find.lights, Some(&lights), maps, &device, cache)
+            all_lights.bind(LIGHTS, &find.lights, Some(&lights), maps, &device, cache)
         };
         let (Some(without_fog), Some(with_fog)) =
             (bind_lights(&grain.without_fog), bind_lights(&ShadowMaps::default()))

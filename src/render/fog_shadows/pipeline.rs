@@ -41,12 +41,8 @@ pub(super) struct FindKey {
     pub with_fog: bool,
 }
 
-impl FindKey {
-    /// The features of Bevy's lights.
-    pub fn lights() -> Features {
-        Features::LIGHT | Features::SHADOWS
-    }
-}
+/// The features by which Bevy's lights are bound.
+pub(super) const LIGHTS: Features = Features::LIGHT.union(Features::SHADOWS);
 
 impl FindPipeline {
     pub fn new(shaders: &Shaders, meshes: &MeshPipeline) -> Self {
@@ -87,7 +83,7 @@ impl SpecializedComputePipeline for FindPipeline {
         ]);
         ComputePipelineDescriptor {
             label: Some("vdb_fog_shadows".into()),
-            layout: self.lights.layouts(FindKey::lights(), &Self::layout(key)),
+            layout: self.lights.layouts(LIGHTS, &Self::layout(key)),
             shader: self.shaders.find_grain.clone(),
             shader_defs: own.chain([key.filter.into()]).collect(),
             entry_point: Some("find".into()),

@@ -151,6 +151,11 @@ pub(super) fn casts_for(
         && sees_meshes(visible)
 }
 
+/// Whether a camera's settings ask for the removal of grain.
+pub(super) fn denoises(quality: Option<&VdbQuality>) -> bool {
+    quality.is_none_or(|quality| quality.denoise)
+}
+
 /// Whether fog casts shadows that a camera shows without grain, on the meshes that it sees.
 pub(in crate::render) fn removes_grain(
     settings: Option<&VdbCamera>,
@@ -159,7 +164,7 @@ pub(in crate::render) fn removes_grain(
     volumes: &ExtractedVolumes,
 ) -> bool {
     let is_fog = |volume: &ExtractedVolume| matches!(volume.packed.kind, PackKind::Fog);
-    quality.is_none_or(|quality| quality.denoise)
+    denoises(quality)
         && casts_for(settings, quality, visible)
         && volumes.0.values().any(|volume| is_fog(volume) && may_cast(volume))
 }

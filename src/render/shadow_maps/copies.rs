@@ -1,4 +1,4 @@
-//! Copies of Bevy's shadow maps, made before volumes are drawn into them.
+//! Copies of Bevy's shadow maps, made before volumes, or only fogs, are drawn into them.
 
 use bevy::core_pipeline::core_3d::CORE_3D_DEPTH_FORMAT;
 use bevy::pbr::ViewShadowBindings;

@@ -40,7 +40,7 @@ use super::trace::{MeshShadowMaps, ShadowMaps};
 use super::view::{MaterialTable, PrepareViews, RampTexture, ViewState, random_offset};
 use crate::quality::features::Features;
 use crate::{VdbCamera, VdbQuality};
-use casters::{Cast, casters, casts_for};
+use casters::{Cast, casters, casts_for, denoises};
 use copies::Copies;
 use pipeline::{CastPipeline, MeshDepthPipeline};
 
@@ -85,9 +85,9 @@ pub(super) struct CastShadows {
     pub is_waiting: bool,
     /// Copies of the maps with meshes alone.
     meshes: Copies,
-    /// Copies with meshes and surfaces, if some cast shadows beside fog whose grain is removed.
+    /// Copies with meshes and surfaces, if surfaces cast shadows as well as fog whose grain is removed.
     fogless: Option<Copies>,
-    /// What the grain of fog is found by.
+    /// What is needed to find the grain of fog's shadows.
     grain: Option<FogGrain>,
     /// Whether the maps shared by all cameras have been drawn; the first camera draws them.
     shared_done: AtomicBool,
@@ -131,11 +131,11 @@ impl CastShadows {
     }
 }
 
-/// What the grain that fog leaves in shadow maps is found by.
+/// What is needed to find the grain of fog's shadows.
 pub(super) struct FogGrain {
     /// The cameras that show meshes without it.
     cameras: Vec<Entity>,
-    /// Whether fog is drawn into the maps of point or spot lights.
+    /// Whether volumes are drawn into the maps of point or spot lights.
     pub has_lamps: bool,
     /// The maps without fog.
     pub without_fog: ShadowMaps,
@@ -209,11 +209,10 @@ fn prepare_casters(
         return;
     }
     let materials = casters::fog_materials(&casters);
-    let has = |kind| cast.has(kind);
     let key = TraversalKey {
-        features: Features::VOXELS.when(has(types::KIND_SURFACE))
-            | Features::SMOOTH.when(has(types::KIND_SMOOTH))
-            | Features::FOG.when(has(types::KIND_FOG))
+        features: Features::VOXELS.when(cast.has(types::KIND_SURFACE))
+            | Features::SMOOTH.when(cast.has(types::KIND_SMOOTH))
+            | Features::FOG.when(cast.has(types::KIND_FOG))
             | Features::WIDE_GRIDS.when(pool.has_wide_grids())
             | Features::RAMPS.when(cast.volumes.iter().any(|volume| volume.ramp != 0))
             | Features::FOG_MATERIALS.when(materials != 0)
@@ -281,7 +280,7 @@ fn list_maps(
             continue;
         }
         wanted = true;
-        if quality.is_none_or(|quality| quality.denoise) {
+        if denoises(quality) {
             cast.smoothed.push(camera);
         }
         let layers = layers.cloned().unwrap_or_default();
@@ -313,7 +312,8 @@ fn draws(
             usage,
         })
     };
-    let bytes = bytemuck::cast_slice(&cast.volumes);
+    let Cast { volumes: all, maps, .. } = cast;
+    let bytes = bytemuck::cast_slice(&all);
     let casting = buffer("vdb_casters", bytes, BufferUsages::STORAGE);
     let bind = |view: &Buffer| {
         let mut entries = pool.scene_entries(view, &casting);
@@ -328,11 +328,11 @@ fn draws(
     let draw = |(camera, map, view): (_, _, types::View)| {
         let uniform = buffer("vdb_cast_view", bytemuck::bytes_of(&view), BufferUsages::UNIFORM);
         let (first, volumes) = (view.volume_first as usize, view.volume_count);
-        let own = &cast.volumes[first..first + volumes as usize];
+        let own = &all[first..first + volumes as usize];
         let fogs = own.iter().filter(|volume| volume.kind == types::KIND_FOG).count() as u32;
         Draw { camera, map, bind_group: bind(&uniform), fogs, volumes }
     };
-    cast.maps.iter().cloned().map(draw).collect()
+    maps.into_iter().map(draw).collect()
 }
 
 /// Copies the shadow maps of the view's lights, then draws volumes into them.
