@@ -49,7 +49,7 @@ pub struct VdbQuality {
     /// Reflections in rough surfaces are smoothed by a filter that follows the blur of the surface
     /// itself; this requires [`reflections`](Self::reflections) and takes 40 bytes per ray. From the
     /// opaque meshes that a camera sees, the grain of fog's shadows is subtracted, which takes 20 bytes
-    /// per pixel and copies of the shadow maps.
+    /// per pixel and copies of the shadow maps (64 MiB for a sun with Bevy's defaults).
     pub denoise: bool,
     /// The distance in voxels between density samples of evenly lit fog (no lamps nearby, no
     /// shadows) that overlaps no other. From ¼ to 16; 0, the default, integrates exactly, cell by

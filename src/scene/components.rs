@@ -90,8 +90,9 @@ pub struct VdbCamera {
     /// cost. Edges have the resolution of the maps, as for shadows of meshes.
     /// A texel of a shadow map has one depth, so fog dithers the light between texels. Shadow filtering
     /// smooths that, best with Bevy's default `ShadowFilteringMethod::Gaussian`, and
-    /// [`VdbQuality::denoise`](crate::VdbQuality::denoise) removes it from opaque meshes. The maps of point and spot lights are shared by all
-    /// cameras: they include volumes if any camera has this setting on.
+    /// [`VdbQuality::denoise`](crate::VdbQuality::denoise) removes most of it from opaque meshes. The
+    /// maps of point and spot lights are shared by all cameras: they include volumes if any camera has
+    /// this setting on.
     ///
     /// Costs nothing without such a light, a mesh in view or a volume. Off where
     /// [`VdbQuality::shadows`](crate::VdbQuality::shadows) is off, and for volumes with

@@ -19,6 +19,13 @@
 // Pixels from the middle of the window to its border.
 const RADIUS: i32 = 3;
 
+// The largest 16-bit float. Brighter pixels are infinite.
+const MAX_F16: f32 = 65504.0;
+
+// How many times as bright as the pixel itself a neighbour counts at most: highlights do not follow the grain, and
+// a single one would outweigh the rest of a window.
+const MOST_CONTRAST: f32 = 4.0;
+
 // The least fraction of light, and the least variance of grain, from which anything is concluded.
 const LEAST_LIGHT: f32 = 0.02;
 const LEAST_VARIANCE: f32 = 4e-6;
@@ -99,6 +106,10 @@ fn remove_grain(@builtin(global_invocation_id) id: vec3<u32>) {
     let own = decoded_grain(encoded);
     let pixel = vec2<i32>(id.xy);
     let color = textureLoad(picture, placement.origin + id.xy, 0);
+    if !all(color.rgb < vec3(MAX_F16)) {
+        textureStore(smoothed, id.xy, color);
+        return;
+    }
     let tolerance = depth_tolerance(pixel, own.distance);
     let trend = grain_trend(pixel, own, tolerance);
     // Sums of differences to the pixel itself, which are small.
@@ -113,7 +124,8 @@ fn remove_grain(@builtin(global_invocation_id) id: vec3<u32>) {
             let other = neighbour(pixel, vec2(x, y), own, tolerance);
             if other.distance > 0.0 {
                 let at = vec2<u32>(pixel + vec2(x, y));
-                let more = textureLoad(picture, placement.origin + at, 0).rgb - color.rgb;
+                let neighbour_color = textureLoad(picture, placement.origin + at, 0).rgb;
+                let more = min(neighbour_color, MOST_CONTRAST * color.rgb) - color.rgb;
                 let lighter = other.light - own.light;
                 let grain = other.excess - trend.x - dot(trend.yz, vec2(f32(x), f32(y)));
                 count += 1.0;

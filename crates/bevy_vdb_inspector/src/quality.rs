@@ -35,8 +35,8 @@ pub(super) fn show(
     ui.add(super::widgets::slider(&mut new.reflections, 0..=16).text("reflections"));
     if new.reflections > 0 {
         ui.checkbox(&mut new.mesh_reflections, "reflections of meshes");
-        ui.checkbox(&mut new.denoise, "denoised");
     }
+    ui.checkbox(&mut new.denoise, "removal of grain");
     let mut exact = new.fog_step == 0.0;
     if ui.checkbox(&mut exact, "exact fog, cell by cell").changed() {
         new.fog_step = if exact { 0.0 } else { 1.0 };
