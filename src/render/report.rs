@@ -58,11 +58,24 @@ fn report(
         .filter_map(|(view, data)| {
             let textures = (&*ramps, &*materials);
             let light = (&*light_cache, &*scattered);
-            let on_meshes = (shadows.are_cast_for(view), smoothed.textures(view));
+            let casts = shadows.are_cast_for(view);
+            let on_meshes = OnMeshes {
+                casts,
+                opacity: shadows.opacity().filter(|_| casts),
+                smoothed: smoothed.textures(view),
+            };
             of_view(data, on_meshes, light, textures)
         })
         .collect();
     diagnostics.set(reports);
+}
+
+/// What shadows of volumes on meshes take.
+struct OnMeshes<'a> {
+    casts: bool,
+    opacity: Option<&'a CachedTexture>,
+    /// See [`SMOOTHED`].
+    smoothed: Option<[&'a CachedTexture; 3]>,
 }
 
 fn of_view(
@@ -83,7 +96,7 @@ fn of_view(
         &AccumulateView,
         &CompositeView,
     ),
-    (casts_shadows, smoothed): (bool, Option<[&CachedTexture; 3]>),
+    on_meshes: OnMeshes,
     (light_cache, scattered): (&LightCache, &ScatteredLight),
     (ramps, materials): (&RampTexture, &MaterialTable),
 ) -> Option<(Entity, VdbCameraReport)> {
@@ -92,7 +105,10 @@ fn of_view(
     let mut buffers = Buffers::default();
     buffers.add("vdb_view", uniform, "the camera");
     buffers.add_some("vdb_placement", &composite.placement, "the viewport");
-    if let Some(textures) = smoothed {
+    if let Some(texture) = on_meshes.opacity {
+        buffers.push("vdb_opacity", bytes(texture), "fog casts shadows on meshes");
+    }
+    if let Some(textures) = on_meshes.smoothed {
         let why = "fog casts shadows on meshes";
         for (name, texture) in SMOOTHED.into_iter().zip(textures) {
             buffers.push(name, bytes(texture), why);
@@ -173,7 +189,7 @@ fn of_view(
         is_compiling: !prepared.is_ready || prepared.is_fallback,
         features: features(prepared),
         passes: passes(
-            [casts_shadows, smoothed.is_some()],
+            [on_meshes.casts, on_meshes.smoothed.is_some()],
             (light, solve, trace, edges),
             (denoise, upscale),
             frames,
@@ -251,5 +267,8 @@ impl Buffers {
 fn bytes(texture: &CachedTexture) -> u64 {
     let size = texture.texture.size();
     let texel = texture.texture.format().block_copy_size(None).unwrap_or(0);
-    u64::from(size.width) * u64::from(size.height) * u64::from(texel)
+    u64::from(size.width)
+        * u64::from(size.height)
+        * u64::from(size.depth_or_array_layers)
+        * u64::from(texel)
 }

@@ -152,14 +152,17 @@ fn there_is_what_a_scene_asks_for_and_nothing_else() {
     let grid = stage.ball_of_fog(15.0, 5.0);
     let behind = Transform::from_xyz(0.0, 0.0, 12.0);
     let cloud = stage.world().spawn((VdbVolume(grid), glow(GREEN), behind)).id();
-    let grainy = "vdb_view, vdb_placement, vdb_expected_light, vdb_grain, vdb_smoothed_meshes, \
-                  vdb_color, vdb_depth, vdb_scattered_light, vdb_tiles";
+    let grainy = "vdb_view, vdb_placement, vdb_opacity, vdb_expected_light, vdb_grain, \
+                  vdb_smoothed_meshes, vdb_color, vdb_depth, vdb_scattered_light, vdb_tiles";
     let passes = "vdb_cast, vdb_fog_shadows, vdb_trace, vdb_composite";
     let shaded =
         "voxels, fog, multiple scattering, beam optimisation, light, shadows, scattered light";
     let report = check(&mut stage, "fog's shadow on a mesh", shaded, passes, grainy);
     let grain = ["vdb_expected_light", "vdb_grain", "vdb_smoothed_meshes"];
     assert_eq!(grain.map(|name| bytes(name, &report)), [4, 8, 8].map(|texel| texel * pixels));
+    // Nine layers of rays of eight bytes, at least 64×64.
+    let opacity = bytes("vdb_opacity", &report);
+    assert!(opacity >= 9 * 8 * 64 * 64 && opacity % (9 * 8 * 64) == 0, "{opacity}");
     stage.world().despawn(cloud);
     stage.world().despawn(wall);
     stage.world().despawn(sun);

@@ -9,6 +9,7 @@ use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat};
 use bevy_vdb::{VdbCamera, VdbMaterial, VdbQuality};
 use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
+use vdb_core::reference::{Fog, Ray};
 use vdb_core::synth::{fog, level_set};
 use vdb_core::tree::{CoordBox, Vdb543};
 
@@ -153,6 +154,59 @@ fn fog_casts_shadows_without_grain() {
         assert!(smooth < most, "{way}: {smooth} with grain removed");
         assert!(worst < worst_allowed, "{way}: {worst} at worst");
         assert!(grainy > gain * smooth, "{way}: {grainy} with grain");
+    }
+}
+
+/// Within a cloud, at each height, the light on a plane is that of the reference.
+#[gpu_test]
+fn fog_shades_what_is_inside_it() {
+    let cloud = fog::cloud(20.0, 3);
+    let reference = Fog::new(&cloud);
+    let slanted = Vec3::new(1.0, 1.5, 0.3);
+    for (way, scale) in [("sun", 0.5_f32), ("sun", 4.0), ("spot", 0.5)] {
+        let mut scene = Scene::new(Vec3::new(-2.0, 7.0, 5.0));
+        match way {
+            "spot" => _ = scene.stage.world().spawn(spot()),
+            _ => _ = scene.stage.world().spawn(sun(slanted)),
+        }
+        scene.volume(cloud.clone(), PackKind::Fog, black(scale));
+        for height in [-2.2, -1.0, 0.0, 1.0] {
+            let up = Transform::from_xyz(0.0, height, 0.0);
+            scene.stage.world().entity_mut(scene.plane).insert(up);
+            let [without, with] = [false, true].map(|mesh_shadows| {
+                let settings = VdbCamera { mesh_shadows, ..default() };
+                scene.stage.world().entity_mut(scene.camera).insert(settings);
+                scene.picture(&format!("inside_{way}_{scale}_{height}_{mesh_shadows}"))
+            });
+            let (mut sum, mut squares, mut count) = (0.0, 0.0, 0.0);
+            for y in 0..SIZE.y {
+                for x in 0..SIZE.x {
+                    let full = f64::from(without.at(x, y).x);
+                    let Some(at) = scene.place_at(f64::from(height), x, y) else { continue };
+                    // The camera sees the plane through the fog.
+                    if full < 0.02 {
+                        continue;
+                    }
+                    let to_light = match way {
+                        "spot" => BULB.as_dvec3() - at,
+                        _ => 1e3 * slanted.normalize().as_dvec3(),
+                    };
+                    let ray = Ray::from_f64(at / VOXEL, to_light / VOXEL).with_span(0.0, 1.0);
+                    let scale = f64::from(scale) * to_light.length();
+                    let error = f64::from(with.at(x, y).x) / full
+                        - reference.transmittance(&ray, scale).value;
+                    sum += error;
+                    squares += error * error;
+                    count += 1.0;
+                }
+            }
+            let (mean, rms) = (sum / count, f64::sqrt(squares / count));
+            println!("{way}, scale {scale}, height {height}: {mean:.4} off, {rms:.4} ({count})");
+            // The mean has neither grain nor the blur of its removal.
+            assert!(mean.abs() < 0.003, "{mean} off");
+            assert!(rms < if scale < 1.0 { 0.015 } else { 0.03 }, "{rms}");
+            assert!(count > 500.0, "{count}");
+        }
     }
 }
 

@@ -64,8 +64,13 @@ impl Scene {
 
     /// The place of the plane that a pixel shows, if it is in the middle of it.
     pub fn place(&self, x: u32, y: u32) -> Option<DVec3> {
+        self.place_at(0.0, x, y)
+    }
+
+    /// The same if the plane is at another height.
+    pub fn place_at(&self, height: f64, x: u32, y: u32) -> Option<DVec3> {
         let (origin, dir) = pixel_ray(self.view, x, y);
-        let at = origin + dir * (-origin.y / dir.y);
+        let at = origin + dir * ((height - origin.y) / dir.y);
         (dir.y < 0.0 && at.length() < 5.0).then_some(at)
     }
 
@@ -361,6 +366,14 @@ fn shadows_on_meshes_are_thrown_where_they_are_wanted() {
     let layer = bevy::camera::visibility::RenderLayers::layer(2);
     scene.stage.world().entity_mut(ball).insert((Visibility::Inherited, layer));
     is_lit(&mut scene, "in a layer that the camera does not see");
+    // Fog has pipelines of its own.
+    let of_fog = |scene: &mut Scene| pipelines(&mut scene.stage, "vdb_cast_fog");
+    assert_eq!(of_fog(&mut scene), 0);
+    let block = CoordBox { min: IVec3::new(-20, 20, -20), max: IVec3::new(20, 40, 20) };
+    scene.volume(fog::block(block, 1e3), PackKind::Fog, VdbMaterial::default());
+    assert!(scene.picture("above_fog").center().x < 0.01 * lit, "below a dense fog");
+    assert_eq!(of_fog(&mut scene), 1);
+    assert_eq!(pipelines(&mut scene.stage, "vdb_cast"), 1, "no surface is there any more");
 }
 
 /// Each camera has cascades of its own, and both share the maps of a bulb.

@@ -197,6 +197,16 @@ struct View {
     scattered: array<ScatteredLattice, MAX_SCATTERED_LIGHTS>,
 }
 
+// Where the opacity map of a fog is, as one light sees it, in the texture of all of them (`shadow_maps/opacity.wgsl`).
+struct OpacityMap {
+    origin: vec2<u32>,      // the first sample
+    size: vec2<u32>,        // in samples, each of which is a ray; 0 if there is none
+    first_texel: vec2<f32>, // where in the shadow map the first ray is, in texels
+    spacing: vec2<f32>,     // from ray to ray
+    t_first: f32,           // of the fog's box
+    t_last: f32,
+}
+
 // The velocities within a volume, for motion vectors: means over cubes of voxels, at the points of a lattice.
 struct Velocities {
     lattice_from_clip: mat4x4<f32>, // from the clip space of the view's rays; points are whole numbers

@@ -16,7 +16,7 @@ macro_rules! shaders {
 }
 
 /// The modules that shaders import.
-const IMPORTS: [(&str, &[u8]); 63] = shaders![
+const IMPORTS: [(&str, &[u8]); 65] = shaders![
     "gpu/types",
     "gpu/bindings",
     "material/table",
@@ -57,6 +57,8 @@ const IMPORTS: [(&str, &[u8]); 63] = shaders![
     "trace/mesh_shadows",
     "trace/visibility",
     "trace/rect_lights",
+    "shadow_maps/quad",
+    "shadow_maps/opacity",
     "fog_shadows/grain",
     "fog_shadows/maps",
     "trace/lights",
@@ -82,7 +84,7 @@ const IMPORTS: [(&str, &[u8]); 63] = shaders![
     "trace/path"
 ];
 /// The shaders with entry points.
-const PROGRAMS: [(&str, &[u8]); 18] = shaders![
+const PROGRAMS: [(&str, &[u8]); 20] = shaders![
     "trace/beams",
     "trace/edges",
     "trace/trace",
@@ -91,6 +93,8 @@ const PROGRAMS: [(&str, &[u8]); 18] = shaders![
     "upscale/upscale",
     "accumulate/accumulate",
     "composite/composite",
+    "shadow_maps/fill_opacity",
+    "shadow_maps/cast_fog",
     "shadow_maps/cast",
     "shadow_maps/mesh_depth",
     "fog_shadows/find",
@@ -162,6 +166,8 @@ pub(crate) struct Shaders {
     pub upscale: Handle<Shader>,
     pub accumulate: Handle<Shader>,
     pub composite: Handle<Shader>,
+    pub fill_opacity: Handle<Shader>,
+    pub cast_fog: Handle<Shader>,
     pub cast: Handle<Shader>,
     pub mesh_depth: Handle<Shader>,
     pub find_grain: Handle<Shader>,
@@ -198,6 +204,8 @@ impl Shaders {
             upscale,
             accumulate,
             composite,
+            fill_opacity,
+            cast_fog,
             cast,
             mesh_depth,
             find_grain,
@@ -223,6 +231,8 @@ impl Shaders {
             upscale,
             accumulate,
             composite,
+            fill_opacity,
+            cast_fog,
             cast,
             mesh_depth,
             find_grain,

@@ -170,6 +170,18 @@ pub(crate) struct Placement {
     pub size: [u32; 2],
 }
 
+/// Where the opacity map of a fog is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub(crate) struct OpacityMap {
+    pub origin: [u32; 2],
+    pub size: [u32; 2],
+    pub first_texel: [f32; 2],
+    pub spacing: [f32; 2],
+    pub t_first: f32,
+    pub t_last: f32,
+}
+
 /// The velocities within a volume, for motion vectors.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C)]
@@ -230,12 +242,13 @@ mod tests {
     #[test]
     fn structs_have_the_layout_of_the_shaders() {
         let module = compose(
-            "#import bevy_vdb::gpu::types::{Grid, View, Volume}
+            "#import bevy_vdb::gpu::types::{Grid, OpacityMap, View, Volume}
              @group(0) @binding(0) var<storage, read> grids: array<Grid>;
              @group(0) @binding(1) var<storage, read> volumes: array<Volume>;
              @group(0) @binding(2) var<uniform> view: View;
+             @group(0) @binding(3) var<storage, read> opacity_maps: array<OpacityMap>;
              @compute @workgroup_size(1) fn main() {
-                 let sum = grids[0].top + volumes[0].grid + view.volume_count;
+                 let sum = grids[0].top + volumes[0].grid + view.volume_count + opacity_maps[0].size.x;
              }",
         );
         let grid = fields!(GridHeader: top_origin, top_levels, occupied_min, top,
@@ -259,6 +272,8 @@ mod tests {
             frame, jitter, max_frames, cached_sun_count, edge_samples, fire_light_count, cached_suns,
             light_texel, cached_lamp_count, cached_lamps, fire_lights, clip_planes,
             scattered);
+        let map = fields!(OpacityMap: origin, size, first_texel, spacing, t_first, t_last);
+        check(&module, "OpacityMap", size_of::<OpacityMap>(), &map);
         let lattice = fields!(ScatteredLattice: x, y, z, size, first, scale, channels);
         check(&module, "ScatteredLattice", size_of::<ScatteredLattice>(), &lattice);
         check(&module, "View", size_of::<View>(), &view);

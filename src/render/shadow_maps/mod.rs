@@ -2,12 +2,13 @@
 //! volumes are drawn into them, so everything that Bevy lights receives their shadows. Volumes
 //! shadow each other by rays, exactly, and use copies of the maps made before.
 
+mod cast;
 mod casters;
 mod copies;
+mod draw;
+mod opacity;
 mod pipeline;
-
-use std::ops::Range;
-use std::sync::atomic::{AtomicBool, Ordering};
+mod suns;
 
 use bevy::camera::visibility::RenderLayers;
 use bevy::core_pipeline::FullscreenShader;
@@ -20,31 +21,31 @@ use bevy::pbr::{
 };
 use bevy::prelude::*;
 use bevy::render::camera::TemporalJitter;
-use bevy::render::diagnostic::RecordDiagnostics;
 use bevy::render::render_resource::{
-    BindGroup, BindGroupLayout, Buffer, BufferInitDescriptor, BufferUsages, CachedRenderPipelineId,
-    PipelineCache, RenderPassDescriptor, SpecializedRenderPipelines, StoreOp, TextureView,
+    PipelineCache, SpecializedComputePipelines, SpecializedRenderPipelines,
 };
-use bevy::render::renderer::{RenderContext, RenderDevice, RenderQueue, ViewQuery};
+use bevy::render::renderer::{RenderDevice, RenderQueue};
 use bevy::render::texture::TextureCache;
 use bevy::render::view::{ExtractedView, RenderVisibleEntities};
 use bevy::render::{GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSystems};
 
 use super::extract::{ExtractedClipPlanes, ExtractedMaterials, ExtractedRamps, ExtractedVolumes};
-use super::gpu::{
-    GROUP, MATERIALS_BINDING, PipelineFallback, RAMPS_BINDING, Shaders, TraversalKey, empty_layout,
-    load_shaders, types,
-};
-use super::pool::{PoolBuffers, VdbTreePool};
-use super::trace::{MeshShadowMaps, ShadowMaps};
+use super::gpu::{PipelineFallback, Shaders, TraversalKey, load_shaders, types};
+use super::pool::VdbTreePool;
+use super::trace::MeshShadowMaps;
 use super::view::{MaterialTable, PrepareViews, RampTexture, ViewState, random_offset};
 use crate::quality::features::Features;
 use crate::{VdbCamera, VdbQuality};
-use casters::{Cast, casters, casts_for, denoises};
+use cast::Cast;
+use casters::{casters, casts_for, denoises};
 use copies::Copies;
-use pipeline::{CastPipeline, MeshDepthPipeline};
+use draw::{CastPipelineIds, OpacityMaps, cast, draws};
+use opacity::{OpacityTexture, Places};
+use pipeline::{CastKey, CastPipelines, MeshDepthPipeline};
+use suns::Suns;
 
 pub(super) use casters::removes_grain;
+pub(super) use draw::CastShadows;
 
 /// Draws volumes into Bevy's shadow maps.
 pub(super) struct ShadowMapsPlugin;
@@ -54,7 +55,8 @@ impl Plugin for ShadowMapsPlugin {
         let Some(render_app) = app.get_sub_app_mut(RenderApp) else { return };
         render_app
             .init_gpu_resource::<CastShadows>()
-            .init_gpu_resource::<SpecializedRenderPipelines<CastPipeline>>()
+            .init_gpu_resource::<SpecializedRenderPipelines<CastPipelines>>()
+            .init_gpu_resource::<SpecializedComputePipelines<CastPipelines>>()
             .init_gpu_resource::<SpecializedRenderPipelines<MeshDepthPipeline>>()
             .add_systems(RenderStartup, init.after(load_shaders))
             .add_systems(
@@ -70,100 +72,41 @@ impl Plugin for ShadowMapsPlugin {
     }
 }
 
-fn init(mut commands: Commands, shaders: Res<Shaders>, fullscreen: Res<FullscreenShader>) {
-    commands.insert_resource(CastPipeline::new(&shaders));
+fn init(
+    mut commands: Commands,
+    shaders: Res<Shaders>,
+    fullscreen: Res<FullscreenShader>,
+    device: Res<RenderDevice>,
+) {
+    commands.insert_resource(CastPipelines::new(&shaders, &device));
     commands.insert_resource(MeshDepthPipeline::new(&shaders, fullscreen.clone()));
-}
-
-/// The draws into shadow maps in this frame.
-#[derive(Default, Resource)]
-pub(super) struct CastShadows {
-    draws: Vec<Draw>,
-    cast: Option<CachedRenderPipelineId>,
-    copy: Option<CachedRenderPipelineId>,
-    /// Whether a pipeline is being compiled, so nothing is drawn.
-    pub is_waiting: bool,
-    /// Copies of the maps with meshes alone.
-    meshes: Copies,
-    /// Copies with meshes and surfaces, if surfaces cast shadows as well as fog whose grain is removed.
-    fogless: Option<Copies>,
-    /// What is needed to find the grain of fog's shadows.
-    grain: Option<FogGrain>,
-    /// Whether the maps shared by all cameras have been drawn; the first camera draws them.
-    shared_done: AtomicBool,
-}
-
-impl CastShadows {
-    /// The shadow maps with fog and without, if a camera shows meshes without the grain of fog's shadows.
-    pub fn grain_for(&self, camera: Entity) -> Option<&FogGrain> {
-        self.grain.as_ref().filter(|grain| grain.cameras.contains(&camera))
-    }
-
-    /// Whether volumes are drawn into the shadow maps of a camera, its own or those shared by all.
-    pub fn are_cast_for(&self, camera: Entity) -> bool {
-        self.draws.iter().any(|draw| draw.camera.is_none_or(|own| own == camera))
-    }
-
-    /// Creates the copies of the maps that are drawn.
-    fn copy_maps(
-        &mut self,
-        cast: &Cast,
-        maps: &Query<MapData, With<ShadowView>>,
-        bindings: &ViewShadowBindings,
-        mut copies: impl FnMut([bool; 2]) -> Copies,
-    ) {
-        let lights = || cast.maps.iter().filter_map(|own| maps.get(own.1).ok().map(|map| map.2));
-        let is_point = |light: &LightEntity| matches!(light, LightEntity::Point { .. });
-        let kinds = [lights().any(|light| !is_point(light)), lights().any(is_point)];
-        self.meshes = copies(kinds);
-        if !cast.has_grain() {
-            return;
-        }
-        let has_surfaces = cast.has(types::KIND_SURFACE) || cast.has(types::KIND_SMOOTH);
-        self.fogless = has_surfaces.then(|| copies(kinds));
-        let without_fog = self.fogless.as_ref().unwrap_or(&self.meshes);
-        self.grain = Some(FogGrain {
-            cameras: cast.smoothed.clone(),
-            has_lamps: lights().any(|light| !matches!(light, LightEntity::Directional { .. })),
-            without_fog: without_fog.maps(),
-            layers: without_fog.layers(bindings),
-        });
-    }
-}
-
-/// What is needed to find the grain of fog's shadows.
-pub(super) struct FogGrain {
-    /// The cameras that show meshes without it.
-    cameras: Vec<Entity>,
-    /// Whether volumes are drawn into the maps of point or spot lights.
-    pub has_lamps: bool,
-    /// The maps without fog.
-    pub without_fog: ShadowMaps,
-    /// All layers of the maps of directional and spot lights and of those of point lights, with fog and
-    /// without.
-    pub layers: [[TextureView; 2]; 2],
-}
-
-/// The volumes in one shadow map.
-struct Draw {
-    /// The camera that the map belongs to; `None` if all cameras share it.
-    camera: Option<Entity>,
-    map: Entity,
-    bind_group: BindGroup,
-    /// The number of fogs, which are the first volumes.
-    fogs: u32,
-    volumes: u32,
 }
 
 /// The pipelines of the pass.
 #[derive(SystemParam)]
 struct Pipelines<'w> {
-    cast: Res<'w, CastPipeline>,
+    cast: Res<'w, CastPipelines>,
     copy: Res<'w, MeshDepthPipeline>,
-    specialized_cast: ResMut<'w, SpecializedRenderPipelines<CastPipeline>>,
+    specialized_cast: ResMut<'w, SpecializedRenderPipelines<CastPipelines>>,
+    specialized_fill: ResMut<'w, SpecializedComputePipelines<CastPipelines>>,
     specialized_copy: ResMut<'w, SpecializedRenderPipelines<MeshDepthPipeline>>,
     cache: Res<'w, PipelineCache>,
     fallback: Res<'w, PipelineFallback>,
+}
+
+impl Pipelines<'_> {
+    /// The pipelines for what is drawn; starts to compile new ones.
+    fn of(&mut self, cast: &Cast, key: TraversalKey, copies: bool) -> CastPipelineIds {
+        let cache = &self.cache;
+        let has_fogs = cast.has(types::KIND_FOG);
+        let mut specialize = |key| self.specialized_cast.specialize(cache, &self.cast, key);
+        CastPipelineIds {
+            surfaces: cast.has_surfaces().then(|| specialize(CastKey::Surfaces(key))),
+            fogs: has_fogs.then(|| specialize(CastKey::Fogs(key))),
+            fill: has_fogs.then(|| self.specialized_fill.specialize(cache, &self.cast, key)),
+            copy: copies.then(|| self.specialized_copy.specialize(cache, &self.copy, ())),
+        }
+    }
 }
 
 /// The ramps of fogs and custom materials, and their textures.
@@ -221,33 +164,23 @@ fn prepare_casters(
         sample_format: pool.format(),
         materials,
     };
-    let Pipelines {
-        cast: caster,
-        copy: copier,
-        specialized_cast,
-        specialized_copy,
-        cache,
-        fallback,
-    } = &mut pipelines;
-    let drawn = specialized_cast.specialize(cache, caster, key);
     let traces_shadows = traced
         .iter()
         .any(|view| view.prepared.as_ref().is_some_and(|view| view.key.has(Features::SHADOWS)));
     let copies_meshes = traces_shadows || cast.has_grain();
-    let copied = copies_meshes.then(|| specialized_copy.specialize(cache, copier, ()));
-    let is_ready = |id: &CachedRenderPipelineId| fallback.render(cache, *id).is_some();
+    shadows.pipelines = pipelines.of(&cast, key, copies_meshes);
+    let Pipelines { cast: caster, copy: copier, cache, fallback, .. } = &pipelines;
     // Volumes need a copy of the maps without volumes, so nothing is drawn until copies can be
     // made.
-    if !is_ready(&drawn) || !copied.iter().all(is_ready) {
+    if !shadows.pipelines.are_ready(fallback, cache) {
         shadows.is_waiting = true;
         return;
     }
-    shadows.cast = Some(drawn);
-    shadows.copy = copied;
     if let Some(bindings) = bindings.iter().next().filter(|_| copies_meshes) {
         let layout = cache.get_bind_group_layout(&copier.layout);
         let copies = |kinds| Copies::new(kinds, bindings, &mut textures, &device, &layout);
-        shadows.copy_maps(&cast, &maps, bindings, copies);
+        let light = |map| maps.get(map).ok().map(|map| map.2);
+        shadows.copy_maps(&cast, light, bindings, copies);
         mesh_maps.0 = shadows.meshes.maps();
     }
     let Tables { ramps, all_ramps, materials, all_materials, queue } = &mut tables;
@@ -263,7 +196,13 @@ fn prepare_casters(
         .then(|| materials.get(all_materials, &device, queue));
     let layout = caster.layouts.of(buffers.is_paged(), key.features);
     let layout = cache.get_bind_group_layout(layout);
-    shadows.draws = draws(cast, (buffers, ramps, materials), &layout, &device);
+    let places = Places::new(&cast.opacity, cast.volumes.len());
+    if cast.has(types::KIND_FOG) {
+        let texture = OpacityTexture::new(places.size, &mut textures, &device);
+        shadows.opacity = Some(OpacityMaps::new(&places, texture, caster, cache, &device));
+    }
+    (shadows.draws, shadows.fills) =
+        draws(cast, &places.maps, (buffers, ramps, materials), &layout, &device);
 }
 
 /// The casters in each shadow map.
@@ -274,6 +213,7 @@ fn list_maps(
     (frame, clip_planes): (FrameCount, &ExtractedClipPlanes),
 ) -> Cast {
     let mut cast = Cast::new(clip_planes);
+    let mut suns = Suns::default();
     let mut wanted = false;
     for (camera, (settings, quality), visible, layers, lights, jitter) in cameras {
         if !casts_for(settings, quality, visible) {
@@ -284,110 +224,19 @@ fn list_maps(
             cast.smoothed.push(camera);
         }
         let layers = layers.cloned().unwrap_or_default();
-        for (map, view, _, light) in maps.iter_many(&lights.lights) {
+        for (map, view, kind, light) in maps.iter_many(&lights.lights) {
             let casts = |own: &RenderLayers| own.intersects(&layers) && own.intersects(light);
-            cast.add((Some(camera), random_offset(jitter, frame)), (map, view), casters, casts);
+            let own = (Some(camera), random_offset(jitter, frame));
+            cast.add(own, (map, view, kind), casters, casts, &mut suns);
         }
     }
     let shared = maps.iter().filter(|(_, _, kind, _)| {
         wanted && matches!(kind, LightEntity::Point { .. } | LightEntity::Spot { .. })
     });
-    for (map, view, _, light) in shared {
-        cast.add((None, 0.0), (map, view), casters, |own| own.intersects(light));
+    for (map, view, kind, light) in shared {
+        let casts = |own: &RenderLayers| own.intersects(light);
+        cast.add((None, 0.0), (map, view, kind), casters, casts, &mut suns);
     }
+    cast.add_suns(&suns);
     cast
-}
-
-/// Creates the bind group of each map.
-fn draws(
-    cast: Cast,
-    (pool, ramps, materials): (&PoolBuffers, Option<&TextureView>, Option<&TextureView>),
-    layout: &BindGroupLayout,
-    device: &RenderDevice,
-) -> Vec<Draw> {
-    let buffer = |label, contents: &[u8], usage| {
-        device.create_buffer_with_data(&BufferInitDescriptor {
-            label: Some(label),
-            contents,
-            usage,
-        })
-    };
-    let Cast { volumes: all, maps, .. } = cast;
-    let bytes = bytemuck::cast_slice(&all);
-    let casting = buffer("vdb_casters", bytes, BufferUsages::STORAGE);
-    let bind = |view: &Buffer| {
-        let mut entries = pool.scene_entries(view, &casting);
-        if let Some(ramps) = ramps {
-            entries = entries.extend_with_indices(((RAMPS_BINDING, ramps),));
-        }
-        if let Some(materials) = materials {
-            entries = entries.extend_with_indices(((MATERIALS_BINDING, materials),));
-        }
-        device.create_bind_group("vdb_cast", layout, &entries)
-    };
-    let draw = |(camera, map, view): (_, _, types::View)| {
-        let uniform = buffer("vdb_cast_view", bytemuck::bytes_of(&view), BufferUsages::UNIFORM);
-        let (first, volumes) = (view.volume_first as usize, view.volume_count);
-        let own = &all[first..first + volumes as usize];
-        let fogs = own.iter().filter(|volume| volume.kind == types::KIND_FOG).count() as u32;
-        Draw { camera, map, bind_group: bind(&uniform), fogs, volumes }
-    };
-    maps.into_iter().map(draw).collect()
-}
-
-/// Copies the shadow maps of the view's lights, then draws volumes into them.
-fn cast(
-    view: ViewQuery<(Entity, &ViewLightEntities)>,
-    maps: Query<&ShadowView>,
-    shadows: Res<CastShadows>,
-    cache: Res<PipelineCache>,
-    fallback: Res<PipelineFallback>,
-    device: Res<RenderDevice>,
-    mut context: RenderContext,
-) {
-    let (camera, lights) = view.into_inner();
-    let cast = shadows.cast.and_then(|id| fallback.render(&cache, id));
-    let Some(cast) = cast.filter(|_| !shadows.draws.is_empty()) else { return };
-    let is_first = !shadows.shared_done.swap(true, Ordering::Relaxed);
-    let diagnostics = context.diagnostic_recorder();
-    let diagnostics = diagnostics.as_deref();
-    let span = diagnostics.time_span(context.command_encoder(), "vdb_cast");
-    // Later cameras copy only their own cascades: the shared maps already have volumes in them.
-    let own = if is_first { usize::MAX } else { lights.lights.len() };
-    let copy = shadows.copy.and_then(|id| fallback.render(&cache, id));
-    let copy_to = |copies: &Copies, context: &mut RenderContext| {
-        if let Some(copy) = &copy {
-            copies.draw(context, copy, own, is_first);
-        }
-    };
-    let empty = cache.get_bind_group_layout(&empty_layout());
-    let empty = device.create_bind_group("vdb_empty", &empty, &[]);
-    let draw = |context: &mut RenderContext, volumes: fn(&Draw) -> Range<u32>| {
-        let own = |draw: &&Draw| draw.camera.map_or(is_first, |own| own == camera);
-        for draw in shadows.draws.iter().filter(own) {
-            let (Ok(map), volumes) = (maps.get(draw.map), volumes(draw)) else { continue };
-            if volumes.is_empty() {
-                continue;
-            }
-            let mut pass = context.begin_tracked_render_pass(RenderPassDescriptor {
-                label: Some("vdb_cast"),
-                depth_stencil_attachment: Some(map.depth_attachment.get_attachment(StoreOp::Store)),
-                ..default()
-            });
-            pass.set_render_pipeline(&cast);
-            pass.set_bind_group(0, &empty, &[]);
-            pass.set_bind_group(1, &empty, &[]);
-            pass.set_bind_group(GROUP as usize, &draw.bind_group, &[]);
-            pass.draw(0..4, volumes);
-        }
-    };
-    copy_to(&shadows.meshes, &mut context);
-    if let Some(fogless) = &shadows.fogless {
-        draw(&mut context, |draw| draw.fogs..draw.volumes);
-        copy_to(fogless, &mut context);
-        draw(&mut context, |draw| 0..draw.fogs);
-    } else {
-        draw(&mut context, |draw| 0..draw.volumes);
-    }
-    span.end(context.command_encoder());
 }

@@ -3,53 +3,128 @@
 use bevy::core_pipeline::FullscreenShader;
 use bevy::core_pipeline::core_3d::CORE_3D_DEPTH_FORMAT;
 use bevy::prelude::*;
-use bevy::render::render_resource::binding_types::texture_depth_2d;
-use bevy::render::render_resource::{
-    BindGroupLayoutDescriptor, BindGroupLayoutEntries, CompareFunction, DepthBiasState,
-    DepthStencilState, FragmentState, PrimitiveState, PrimitiveTopology, RenderPipelineDescriptor,
-    ShaderStages, SpecializedRenderPipeline, StencilState, VertexState,
+use bevy::render::render_resource::binding_types::{
+    sampler, texture_2d_array, texture_depth_2d, texture_storage_2d_array,
 };
+use bevy::render::render_resource::{
+    BindGroupLayoutDescriptor, BindGroupLayoutEntries, CompareFunction, ComputePipelineDescriptor,
+    DepthBiasState, DepthStencilState, FilterMode, FragmentState, PrimitiveState,
+    PrimitiveTopology, RenderPipelineDescriptor, Sampler, SamplerBindingType, SamplerDescriptor,
+    ShaderStages, SpecializedComputePipeline, SpecializedRenderPipeline, StencilState,
+    StorageTextureAccess, TextureSampleType, VertexState,
+};
+use bevy::render::renderer::RenderDevice;
 
-use crate::render::gpu::{SceneLayouts, Shaders, TraversalKey, empty_layout};
+use super::opacity;
+use crate::render::gpu::{SceneLayouts, Shaders, TraversalKey, empty_layout, storage_read};
 
-/// Draws volumes into a shadow map.
+/// Draws volumes into a shadow map: surfaces by rays of its texels, and fogs by opacity maps, which a compute
+/// shader fills.
 #[derive(Debug, Resource)]
-pub(super) struct CastPipeline {
+pub(super) struct CastPipelines {
     shaders: Shaders,
+    /// Of the group with the scene, for all of these pipelines.
     pub layouts: SceneLayouts,
+    /// Of the group with the opacity maps, where they are filled and where they are read.
+    pub opacity: [BindGroupLayoutDescriptor; 2],
+    pub sampler: Sampler,
 }
 
-impl CastPipeline {
-    pub fn new(shaders: &Shaders) -> Self {
-        let layouts = SceneLayouts::new("vdb_cast", ShaderStages::VERTEX_FRAGMENT, |scene| scene);
-        Self { shaders: shaders.clone(), layouts }
+/// What is drawn into a shadow map.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) enum CastKey {
+    Surfaces(TraversalKey),
+    Fogs(TraversalKey),
+}
+
+impl CastPipelines {
+    pub fn new(shaders: &Shaders, device: &RenderDevice) -> Self {
+        let all_stages = ShaderStages::VERTEX_FRAGMENT | ShaderStages::COMPUTE;
+        let fill = BindGroupLayoutEntries::sequential(
+            ShaderStages::COMPUTE,
+            (
+                storage_read(),
+                texture_storage_2d_array(opacity::FORMAT, StorageTextureAccess::WriteOnly),
+            ),
+        );
+        let read = BindGroupLayoutEntries::sequential(
+            ShaderStages::FRAGMENT,
+            (
+                storage_read(),
+                texture_2d_array(TextureSampleType::Float { filterable: true }),
+                sampler(SamplerBindingType::Filtering),
+            ),
+        );
+        Self {
+            shaders: shaders.clone(),
+            layouts: SceneLayouts::new("vdb_cast", all_stages, |scene| scene),
+            opacity: [
+                BindGroupLayoutDescriptor::new("vdb_opacity", &fill),
+                BindGroupLayoutDescriptor::new("vdb_cast_fog", &read),
+            ],
+            sampler: device.create_sampler(&SamplerDescriptor {
+                label: Some("vdb_opacity"),
+                mag_filter: FilterMode::Linear,
+                min_filter: FilterMode::Linear,
+                ..default()
+            }),
+        }
+    }
+
+    fn groups(
+        &self,
+        first: BindGroupLayoutDescriptor,
+        key: TraversalKey,
+    ) -> Vec<BindGroupLayoutDescriptor> {
+        let scene = self.layouts.of(key.page_bits.is_some(), key.features);
+        vec![first, empty_layout(), scene.clone()]
     }
 }
 
-impl SpecializedRenderPipeline for CastPipeline {
-    type Key = TraversalKey;
+impl SpecializedRenderPipeline for CastPipelines {
+    type Key = CastKey;
 
-    fn specialize(&self, key: TraversalKey) -> RenderPipelineDescriptor {
+    fn specialize(&self, key: CastKey) -> RenderPipelineDescriptor {
+        let [_, read] = &self.opacity;
+        let (key, label, shader, first) = match key {
+            CastKey::Surfaces(key) => (key, "vdb_cast", &self.shaders.cast, empty_layout()),
+            CastKey::Fogs(key) => (key, "vdb_cast_fog", &self.shaders.cast_fog, read.clone()),
+        };
         let shader_defs = key.defs(&self.shaders);
-        let layout = self.layouts.of(key.page_bits.is_some(), key.features);
         let vertex = VertexState {
-            shader: self.shaders.cast.clone(),
+            shader: shader.clone(),
             shader_defs: shader_defs.clone(),
             entry_point: Some("quad".into()),
             buffers: Vec::new(),
         };
         RenderPipelineDescriptor {
-            label: Some("vdb_cast".into()),
-            layout: vec![empty_layout(), empty_layout(), layout.clone()],
+            label: Some(label.into()),
+            layout: self.groups(first, key),
             primitive: PrimitiveState { topology: PrimitiveTopology::TriangleStrip, ..default() },
             fragment: Some(FragmentState {
-                shader: self.shaders.cast.clone(),
+                shader: shader.clone(),
                 shader_defs,
                 entry_point: Some("stop".into()),
                 targets: Vec::new(),
             }),
             // Reversed depth: 1 is near and 0 is far.
             ..depth_only(vertex, CompareFunction::Greater)
+        }
+    }
+}
+
+impl SpecializedComputePipeline for CastPipelines {
+    type Key = TraversalKey;
+
+    fn specialize(&self, key: TraversalKey) -> ComputePipelineDescriptor {
+        let [fill, _] = &self.opacity;
+        ComputePipelineDescriptor {
+            label: Some("vdb_opacity".into()),
+            layout: self.groups(fill.clone(), key),
+            shader: self.shaders.fill_opacity.clone(),
+            shader_defs: key.defs(&self.shaders),
+            entry_point: Some("fill".into()),
+            ..default()
         }
     }
 }

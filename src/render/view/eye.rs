@@ -1,6 +1,6 @@
 //! The eye of a view, and how much of a grid its pixels cover, from which levels of detail follow.
 
-use bevy::math::{DAffine3, DVec3};
+use bevy::math::{DAffine3, DVec2, DVec3};
 use bevy::prelude::*;
 use vdb_core::view::ViewRays;
 
@@ -22,6 +22,13 @@ impl Eye<'_> {
         let [near, far] =
             depths.fold([f64::INFINITY, 0.0], |[near, far], t| [near.min(t), far.max(t)]);
         [near, far].map(|depth| depth.max(self.rays.t_near))
+    }
+
+    /// The width and the height of a pixel at a depth along the view axis, in world units.
+    pub fn pixel_edges(&self, depth: f64) -> DVec2 {
+        let rays = self.rays;
+        let half = [rays.eye_x + depth * rays.dir_x, rays.eye_y + depth * rays.dir_y];
+        2.0 * DVec2::from(half.map(|edge| edge.length())) / self.size.as_dvec2()
     }
 }
 

@@ -47,6 +47,7 @@ pub(super) use sets::PrepareViews;
 pub use sets::VdbSystems;
 pub(super) use settings::{MEAN_BYTES, edge_bytes};
 pub(super) use state::{Picture, PreparedView, ViewPicture, ViewState};
+pub(super) use tiles::TileRange;
 pub(super) use uniform::{random_offset, view_data};
 pub(super) use visible::VisibleVolumes;
 pub(super) use volume::{Shown, volume_data, world_corners};

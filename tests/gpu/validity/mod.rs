@@ -232,19 +232,22 @@ fn the_beams_are_valid() {
 fn what_is_drawn_into_shadow_maps_is_valid() {
     let mut composer = composer();
     for kinds in subsets(&["VDB_SURFACES", "VDB_SMOOTH", "VDB_FOGS"]) {
-        check(&mut composer, "shadow_maps/cast", &kinds);
-        let wide = [&kinds, &["VDB_WIDE_GRIDS"][..]].concat();
-        check(&mut composer, "shadow_maps/cast", &wide);
-        let cut = [&kinds, &["VDB_CLIP"][..]].concat();
-        check(&mut composer, "shadow_maps/cast", &cut);
+        let mut programs = vec!["shadow_maps/cast"];
         if kinds.contains(&"VDB_FOGS") {
-            for with in [&["VDB_RAMPS"][..], &["VDB_FOG_MATERIALS", EVERYTHING_DEF]] {
-                check(&mut composer, "shadow_maps/cast", &[&kinds, with].concat());
-            }
+            programs.extend(["shadow_maps/cast_fog", "shadow_maps/fill_opacity"]);
         }
-        for format in ["VDB_FORMAT=0", "VDB_FORMAT=1", "VDB_FORMAT=2"] {
-            let with = ["VDB_PAGED", "VDB_PAGE_BITS=20", format];
-            check(&mut composer, "shadow_maps/cast", &[&kinds, &with[..]].concat());
+        for program in programs {
+            let mut check = |with: &[&str]| check(&mut composer, program, &[&kinds, with].concat());
+            check(&[]);
+            check(&["VDB_WIDE_GRIDS"]);
+            check(&["VDB_CLIP"]);
+            if kinds.contains(&"VDB_FOGS") {
+                check(&["VDB_RAMPS"]);
+                check(&["VDB_FOG_MATERIALS", EVERYTHING_DEF]);
+            }
+            for format in ["VDB_FORMAT=0", "VDB_FORMAT=1", "VDB_FORMAT=2"] {
+                check(&["VDB_PAGED", "VDB_PAGE_BITS=20", format]);
+            }
         }
     }
     check(&mut composer, "shadow_maps/mesh_depth", &[]);
