@@ -85,9 +85,9 @@ pub struct VdbCamera {
     pub mode: VdbRenderMode,
     /// Whether volumes cast shadows on meshes. On by default.
     ///
-    /// Volumes are drawn into the shadow maps of lights with `shadow_maps_enabled` in every frame,
-    /// with one ray per texel that they may cover; `docs/guide/quality.md` explains how to reduce the
-    /// cost. Edges have the resolution of the maps, as for shadows of meshes.
+    /// Volumes are drawn into the shadow maps of lights with `shadow_maps_enabled` in every frame:
+    /// surfaces with one ray per texel that they may cover, fog with about one per voxel across.
+    /// `docs/guide/quality.md` explains how to reduce the cost. Edges have the resolution of the maps, as for shadows of meshes.
     /// A texel of a shadow map has one depth, so fog dithers the light between texels. Shadow filtering
     /// smooths that, best with Bevy's default `ShadowFilteringMethod::Gaussian`, and
     /// [`VdbQuality::denoise`](crate::VdbQuality::denoise) removes most of it from opaque meshes. The

@@ -169,7 +169,12 @@ fn fog_shades_what_is_inside_it() {
             "spot" => _ = scene.stage.world().spawn(spot()),
             _ => _ = scene.stage.world().spawn(sun(slanted)),
         }
-        scene.volume(cloud.clone(), PackKind::Fog, black(scale));
+        let volume = scene.volume(cloud.clone(), PackKind::Fog, black(scale));
+        let turned = Quat::from_euler(EulerRot::XYZ, 0.3, 0.4, 0.5);
+        let placed = Transform::from_rotation(turned).with_scale(Vec3::new(0.9, 0.7, 1.1));
+        scene.stage.world().entity_mut(volume).insert(placed);
+        let index_from_world = placed.compute_affine().inverse();
+        let index = |at: DVec3| index_from_world.transform_vector3(at.as_vec3()).as_dvec3() / VOXEL;
         for height in [-2.2, -1.0, 0.0, 1.0] {
             let up = Transform::from_xyz(0.0, height, 0.0);
             scene.stage.world().entity_mut(scene.plane).insert(up);
@@ -191,7 +196,7 @@ fn fog_shades_what_is_inside_it() {
                         "spot" => BULB.as_dvec3() - at,
                         _ => 1e3 * slanted.normalize().as_dvec3(),
                     };
-                    let ray = Ray::from_f64(at / VOXEL, to_light / VOXEL).with_span(0.0, 1.0);
+                    let ray = Ray::from_f64(index(at), index(to_light)).with_span(0.0, 1.0);
                     let scale = f64::from(scale) * to_light.length();
                     let error = f64::from(with.at(x, y).x) / full
                         - reference.transmittance(&ray, scale).value;

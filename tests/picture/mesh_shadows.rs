@@ -385,7 +385,9 @@ fn two_cameras_see_the_shadow() {
         let shown = |cameras: &[usize]| {
             let mut scene = Scene::new(Vec3::new(-2.0, 7.0, 5.0));
             let material = VdbMaterial::default();
-            scene.volume(tree.clone(), PackKind::Smooth { iso: 0.0 }, material);
+            scene.volume(tree.clone(), PackKind::Smooth { iso: 0.0 }, material.clone());
+            let beside = CoordBox { min: IVec3::new(-30, 10, -10), max: IVec3::new(-15, 25, 5) };
+            scene.volume(fog::block(beside, 1.0), PackKind::Fog, material);
             let world = scene.stage.world();
             // Both see the same, however coarse.
             world.insert_resource(DirectionalLightShadowMap { size: 256 });

@@ -18,8 +18,8 @@ pub(super) const FORMAT: TextureFormat = TextureFormat::Rgba16Float;
 /// The layers of the texture: one for the ends of slices, and one for four slices each.
 const LAYERS: u32 = 9;
 
-/// The most rays of all maps together, which limits their memory to about 75 MiB. If voxels are so small that more
-/// would be needed, rays are farther apart.
+/// The most rays of all maps together, which limits their memory: each takes 72 bytes. If voxels are so small that
+/// more would be needed, rays are farther apart.
 const MAX_RAYS: f64 = (1 << 20) as f64;
 
 /// The least distance between rays, in texels of the shadow map: shadow map filtering hides anything finer.
@@ -177,5 +177,77 @@ impl OpacityTexture {
             ..default()
         });
         Self { texture, view }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use vdb_core::synth::Random;
+
+    use super::*;
+
+    fn wanted(volume: usize, low: DVec2, high: DVec2, voxel: f64) -> Wanted {
+        Wanted {
+            volume,
+            low,
+            high,
+            voxel: DVec2::splat(voxel),
+            least: DVec2::splat(LEAST_SPACING),
+            depths: [1.0, 2.0],
+            readers: Vec::new(),
+        }
+    }
+
+    /// Maps are apart, within the texture, and cover what they have to.
+    #[test]
+    fn maps_have_places_of_their_own() {
+        let mut random = Random::new(7);
+        for maps in [1, 2, 30, 400] {
+            let wanted: Vec<_> = (0..maps)
+                .map(|i| {
+                    let low = DVec2::new(random.unit(), random.unit()) * 1000.0 - 300.0;
+                    let extent = DVec2::new(random.unit(), random.unit()) * 2000.0 + 1.0;
+                    wanted(i, low, low + extent, random.unit() * 20.0)
+                })
+                .collect();
+            let places = Places::new(&wanted, maps);
+            assert!(places.size.max_element() <= 8192, "{}", places.size);
+            let rays: u32 = places.maps.iter().map(|map| map.size[0] * map.size[1]).sum();
+            assert!(f64::from(rays) <= MAX_RAYS, "{rays}");
+            assert!(places.size.element_product() < 3 * rays + 2 * 64 * 64 * 64, "{places:?}");
+            for (i, (own, map)) in wanted.iter().zip(&places.maps).enumerate() {
+                let [origin, size] = [map.origin, map.size].map(UVec2::from);
+                assert!((origin + size).cmple(places.size).all(), "{map:?}");
+                let [first, spacing] = [map.first_texel, map.spacing].map(Vec2::from);
+                let last = first + spacing * (size.as_vec2() - 1.0);
+                assert!(first.as_dvec2().cmple(own.low + 1e-3).all(), "{own:?} {map:?}");
+                assert!(last.as_dvec2().cmpge(own.high - 1e-2).all(), "{own:?} {map:?}");
+                for other in &places.maps[..i] {
+                    let [start, extent] = [other.origin, other.size].map(UVec2::from);
+                    let is_apart = (origin + size).cmple(start) | (start + extent).cmple(origin);
+                    assert!(is_apart.any(), "{map:?} {other:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn there_is_a_ray_for_each_voxel_as_far_as_memory_allows() {
+        let side = DVec2::splat(2048.0);
+        let places = |voxel| Places::new(&[wanted(0, DVec2::ZERO, side, voxel)], 1).maps[0];
+        assert_eq!((places(16.0).spacing, places(16.0).size), ([16.0; 2], [129; 2]));
+        // Not more than shadow map filtering would show.
+        assert_eq!(places(0.1).spacing, places(4.0).spacing.map(|_| 2.0 * 2.0_f32.sqrt()));
+        // However large a voxel, there are two rays along each axis.
+        assert_eq!(places(1e9).size, [2; 2]);
+        // Another shadow map reads the same rays, in texels half as large and at other depths.
+        let mut shared = wanted(1, DVec2::ZERO, side, 16.0);
+        let (origin, scale) = (DVec3::new(5.0, 6.0, 7.0), DVec3::new(2.0, 2.0, 1.0));
+        shared.readers.push(Reader { volume: 0, origin, scale });
+        let [read, filled] = Places::new(&[shared], 2).maps[..] else { panic!("two maps") };
+        assert_eq!((filled.first_texel, filled.spacing), ([0.0; 2], [16.0; 2]));
+        assert_eq!((read.first_texel, read.spacing), ([5.0, 6.0], [32.0; 2]));
+        assert_eq!((read.t_first, read.t_last), (8.0, 9.0));
+        assert_eq!((read.origin, read.size), (filled.origin, filled.size));
     }
 }
