@@ -73,7 +73,8 @@ impl Copies {
                 label: Some("vdb_mesh_depth"),
                 depth_stencil_attachment: Some(RenderPassDepthStencilAttachment {
                     view: target,
-                    depth_ops: Some(Operations { load: LoadOp::Clear(0.0), store: StoreOp::Store }),
+                    // Every texel is overwritten, so clearing them would be for nothing.
+                    depth_ops: Some(Operations { load: LoadOp::Load, store: StoreOp::Store }),
                     stencil_ops: None,
                 }),
                 ..default()
