@@ -70,7 +70,7 @@ fn report(
     diagnostics.set(reports);
 }
 
-/// What shadows of volumes on meshes take.
+/// The resources that shadows of volumes on meshes use.
 struct OnMeshes<'a> {
     casts: bool,
     opacity: Option<&'a CachedTexture>,
@@ -106,7 +106,8 @@ fn of_view(
     buffers.add("vdb_view", uniform, "the camera");
     buffers.add_some("vdb_placement", &composite.placement, "the viewport");
     if let Some(texture) = on_meshes.opacity {
-        buffers.push("vdb_opacity", bytes(texture), "fog casts shadows on meshes");
+        let why = "fog casts shadows on meshes, in maps that all cameras share";
+        buffers.push("vdb_opacity", bytes(texture), why);
     }
     if let Some(textures) = on_meshes.smoothed {
         let why = "fog casts shadows on meshes";

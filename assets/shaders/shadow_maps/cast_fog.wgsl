@@ -18,7 +18,10 @@ fn quad(@builtin(vertex_index) corner: u32, @builtin(instance_index) instance: u
     return Quad(corner_position(view.volume_first + instance, corner), instance);
 }
 
-// The transmittance at which a texel stops its ray. Fog attenuates light gradually, but a texel has a single
+// The least threshold where there is no offset.
+const LEAST_THRESHOLD: f32 = 0.001953125;  // 1/512
+
+// The transmittance at which a texel stops its light. Fog attenuates light gradually, but a texel has a single
 // depth. Each texel therefore has a threshold of its own: 256 thresholds in squares of 16×16 texels, after
 // Bayer 1973, "An optimum method for two-level rendition of continuous-tone pictures", whose patterns are so
 // fine that shadow map filtering smooths them. The first three digits of further fogs are rotated, so that up to
@@ -32,7 +35,7 @@ fn dither_threshold(texel: vec2<u32>, fog: u32) -> f32 {
         let place = select(1u + (2u - i + fog % 3u) % 3u, 0u, i == 3u);
         digits |= (2u * (bit.x ^ bit.y) + bit.y) << (2u * place);
     }
-    return max(fract((f32(digits) + 0.5) / 256.0 + view.random_offset), 1e-6);
+    return max(fract((f32(digits) + 0.5) / 256.0 + view.random_offset), LEAST_THRESHOLD);
 }
 
 @fragment
@@ -41,7 +44,7 @@ fn stop(in: Quad) -> @builtin(frag_depth) f32 {
     if any(map.size == vec2(0u)) {
         discard;
     }
-    // The ray of a sample is at its middle. Beyond the first and the last, no light is stopped.
+    // The ray of a sample is at its middle. Beyond the first and the last, no texel is shown, or no light is stopped.
     let sample = (in.position.xy - map.first_texel) / map.spacing;
     let place = clamp(sample, vec2(0.0), vec2<f32>(map.size) - 1.0) + 0.5;
     let uv = (vec2<f32>(map.origin) + place) / vec2<f32>(textureDimensions(opacity));
@@ -64,6 +67,7 @@ fn stop(in: Quad) -> @builtin(frag_depth) f32 {
     let i = dot(vec3<u32>(after.xyz < vec3(optical_depth)), vec3(1u));
     let part = (optical_depth - first[i]) / max(after[i] - first[i], 1e-30);
     let slices = f32(4u * layers + i) + saturate(part);
-    let ends = textureSampleLevel(opacity, linear_sampler, uv, 0u, 0.0).xy;
+    let halves = textureSampleLevel(opacity, linear_sampler, uv, 0u, 0.0);
+    let ends = halves.xy + halves.zw;
     return depth_at(mix(map.t_first, map.t_last, mix(ends.x, ends.y, slices / f32(SLICES))));
 }

@@ -1,4 +1,4 @@
-// Fills the opacity maps of the fogs in one shadow map: an invocation for each ray.
+// Fills the opacity maps of the fogs in one view of a light: an invocation for each ray.
 
 #import bevy_vdb::gpu::types::Ray
 #import bevy_vdb::traversal::hdda::{FAR, mirrored_ray, enter, local_cell}
@@ -15,8 +15,8 @@
 const STEP: f32 = 1.0;
 const EDGE: f32 = 256.0;
 
-// An optical depth that stops the light of every texel.
-const OPAQUE: f32 = 16.0;
+// An optical depth that stops the light of every texel: more than -log(LEAST_THRESHOLD) of `cast_fog.wgsl`.
+const OPAQUE: f32 = 6.25;
 
 // The t where a ray enters and where it leaves a box of cells. They meet half-way where it passes by, so that both
 // change gradually from ray to ray.
@@ -41,10 +41,12 @@ fn fill(@builtin(global_invocation_id) id: vec3<u32>) {
     let at = (map.first_texel + vec2<f32>(id.xy) * map.spacing) / vec2<f32>(view.size);
     let segment = view_segment(vec2(2.0 * at.x - 1.0, 1.0 - 2.0 * at.y));
     let grid = fog_grid(volume);
-    let ray = lattice_ray(segment, volume, FAR);
+    let ray = lattice_ray(segment, volume, map.t_last);
     let ends = ends_in_box(ray, grid.occupied_min, grid.occupied_max);
     let places = saturate((ends - map.t_first) / (map.t_last - map.t_first));
-    textureStore(opacity, to, 0, vec4(places, 0.0, 0.0));
+    // As two 16-bit floats each, because a box may be thousands of voxels long.
+    let rounded = vec2(unpack2x16float(pack2x16float(places)));
+    textureStore(opacity, to, 0, vec4(rounded, places - rounded));
     let slices_first = mix(map.t_first, map.t_last, places.x);
     let slice = (mix(map.t_first, map.t_last, places.y) - slices_first) / f32(SLICES);
 

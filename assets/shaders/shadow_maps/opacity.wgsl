@@ -2,8 +2,9 @@
 // (2001, "Opacity shadow maps"), except that the slices of each ray lie between where it enters and where it leaves
 // the fog's box, so that they follow the fog, as Yuksel and Keyser's do (2008, "Deep opacity maps").
 //
-// A map is in four or more layers of a texture. The first has the places along the ray where the slices begin and end,
-// from 0 at `t_first` to 1 at `t_last`. The others have the optical depths up to the ends of four slices each.
+// A map is in nine layers of a texture. The first has the places along the ray where the slices begin and end, from 0
+// at `t_first` to 1 at `t_last`, and what is lost when these are rounded. Each of the others holds the optical depths at
+// the ends of four slices.
 #define_import_path bevy_vdb::shadow_maps::opacity
 
 #import bevy_vdb::gpu::types::OpacityMap

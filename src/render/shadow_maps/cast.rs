@@ -49,11 +49,12 @@ impl Cast {
         !self.smoothed.is_empty() && self.has(types::KIND_FOG)
     }
 
-    /// Adds a shadow map: those casters that it may show.
+    /// Adds a shadow map: those casters that it may show. Lights other than suns have a range.
     pub fn add<'a>(
         &mut self,
         (camera, random_offset): (Option<Entity>, f32),
-        (map, view, light): (Entity, &ExtractedView, &LightEntity),
+        (map, view): (Entity, &ExtractedView),
+        (light, light_range): (&LightEntity, f64),
         casters: &'a [Caster<'a>],
         layers: impl Fn(&RenderLayers) -> bool,
         suns: &mut Suns<'a>,
@@ -84,7 +85,8 @@ impl Cast {
                 if let LightEntity::Directional { light_entity, .. } = light {
                     suns.add(*light_entity, (caster, index), (eye, range));
                 } else {
-                    self.opacity.extend(Wanted::new(index, &caster.shown, eye, range));
+                    let wanted = Wanted::new(index, &caster.shown, (eye, light_range), range);
+                    self.opacity.extend(wanted);
                 }
             }
             let [tiles_first, tiles_last] = range.words();

@@ -73,7 +73,7 @@ impl Copies {
                 label: Some("vdb_mesh_depth"),
                 depth_stencil_attachment: Some(RenderPassDepthStencilAttachment {
                     view: target,
-                    // Every texel is overwritten, so clearing them would be for nothing.
+                    // Every texel is overwritten, so nothing has to be cleared. GPUs with tile memory load what was there.
                     depth_ops: Some(Operations { load: LoadOp::Load, store: StoreOp::Store }),
                     stencil_ops: None,
                 }),

@@ -16,8 +16,8 @@ use bevy::core_pipeline::schedule::{Core3d, Core3dSystems};
 use bevy::diagnostic::FrameCount;
 use bevy::ecs::system::SystemParam;
 use bevy::pbr::{
-    LATE_SHADOW_PASS, LightEntity, ShadowView, ViewLightEntities, ViewShadowBindings,
-    per_view_shadow_pass, shared_shadow_pass,
+    ExtractedPointLight, LATE_SHADOW_PASS, LightEntity, ShadowView, ViewLightEntities,
+    ViewShadowBindings, per_view_shadow_pass, shared_shadow_pass,
 };
 use bevy::prelude::*;
 use bevy::render::camera::TemporalJitter;
@@ -137,7 +137,7 @@ fn prepare_casters(
     (volumes, clip_planes, mut tables): (Res<ExtractedVolumes>, Res<ExtractedClipPlanes>, Tables),
     (pool, frame): (Res<VdbTreePool>, Res<FrameCount>),
     cameras: Query<CameraData, With<Camera3d>>,
-    maps: Query<MapData, With<ShadowView>>,
+    (maps, lamps): (Query<MapData, With<ShadowView>>, Query<&ExtractedPointLight>),
     (traced, bindings): (Query<&ViewState>, Query<&ViewShadowBindings>),
     mut pipelines: Pipelines,
     device: Res<RenderDevice>,
@@ -147,7 +147,7 @@ fn prepare_casters(
     *mesh_maps = default();
     let casters = casters(&volumes, &pool);
     let Some(buffers) = pool.buffers().filter(|_| !casters.is_empty()) else { return };
-    let cast = list_maps(&casters, &cameras, &maps, (*frame, &clip_planes));
+    let cast = list_maps(&casters, &cameras, (&maps, &lamps), (*frame, &clip_planes));
     if cast.maps.is_empty() {
         return;
     }
@@ -209,7 +209,7 @@ fn prepare_casters(
 fn list_maps(
     casters: &[casters::Caster],
     cameras: &Query<CameraData, With<Camera3d>>,
-    maps: &Query<MapData, With<ShadowView>>,
+    (maps, lamps): (&Query<MapData, With<ShadowView>>, &Query<&ExtractedPointLight>),
     (frame, clip_planes): (FrameCount, &ExtractedClipPlanes),
 ) -> Cast {
     let mut cast = Cast::new(clip_planes);
@@ -227,15 +227,20 @@ fn list_maps(
         for (map, view, kind, light) in maps.iter_many(&lights.lights) {
             let casts = |own: &RenderLayers| own.intersects(&layers) && own.intersects(light);
             let own = (Some(camera), random_offset(jitter, frame));
-            cast.add(own, (map, view, kind), casters, casts, &mut suns);
+            cast.add(own, (map, view), (kind, f64::INFINITY), casters, casts, &mut suns);
         }
     }
-    let shared = maps.iter().filter(|(_, _, kind, _)| {
-        wanted && matches!(kind, LightEntity::Point { .. } | LightEntity::Spot { .. })
-    });
-    for (map, view, kind, light) in shared {
+    let lamp_of = |light: &LightEntity| match *light {
+        LightEntity::Directional { .. } => None,
+        LightEntity::Point { light_entity, .. } | LightEntity::Spot { light_entity } => {
+            lamps.get(light_entity).ok()
+        }
+    };
+    for (map, view, kind, light) in maps.iter().filter(|_| wanted) {
+        let Some(lamp) = lamp_of(kind) else { continue };
         let casts = |own: &RenderLayers| own.intersects(light);
-        cast.add((None, 0.0), (map, view, kind), casters, casts, &mut suns);
+        let range = f64::from(lamp.range);
+        cast.add((None, 0.0), (map, view), (kind, range), casters, casts, &mut suns);
     }
     cast.add_suns(&suns);
     cast

@@ -1,5 +1,5 @@
 //! Opacity maps: the optical depths of fogs along the rays of lights. There is a ray for each voxel across, so the
-//! texels of a shadow map, of which many may show the same voxels, need none of their own.
+//! texels of a shadow map, many of which may show the same voxels, need none of their own.
 
 use bevy::math::{DVec2, DVec3};
 use bevy::prelude::*;
@@ -19,17 +19,17 @@ pub(super) const FORMAT: TextureFormat = TextureFormat::Rgba16Float;
 const LAYERS: u32 = 9;
 
 /// The most rays of all maps together, which limits their memory: each takes 72 bytes. If voxels are so small that
-/// more would be needed, rays are farther apart.
+/// more would be needed, the rays of the largest maps are farther apart.
 const MAX_RAYS: f64 = (1 << 20) as f64;
 
 /// The least distance between rays, in texels of the shadow map: shadow map filtering hides anything finer.
 pub(super) const LEAST_SPACING: f64 = 2.0;
 
-/// The most rays along each axis of a map, so that the texture is within WebGPU's limits.
+/// The most rays along each axis of a map. With [`MAX_RAYS`], this keeps the texture within WebGPU's limits.
 const MAX_EDGE: f64 = 2048.0;
 
-/// Texels by which the width and the height of the texture grow, so that it is seldom a new one.
-const GROWTH: u32 = 64;
+/// The least width and height of the texture.
+const LEAST_EDGE: u32 = 64;
 
 /// The map of one fog as one light sees it, before it has a place in the texture.
 #[derive(Clone, Debug, PartialEq)]
@@ -39,10 +39,12 @@ pub(super) struct Wanted {
     /// The corners of what it has to cover.
     pub low: DVec2,
     pub high: DVec2,
+    /// A point that stays where it is in the fog. Rays keep their distance from it when the corners move.
+    pub anchor: DVec2,
     /// The distance between rays if there is one for each voxel, and the least that is useful.
     pub voxel: DVec2,
     pub least: DVec2,
-    /// The depths of the fog's box.
+    /// The depths of the fog's box, as far as the light reaches.
     pub depths: [f64; 2],
     pub readers: Vec<Reader>,
 }
@@ -51,41 +53,78 @@ pub(super) struct Wanted {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Reader {
     pub volume: usize,
-    /// The texel and the depth in the shadow map that those of the other view are at: `origin + scale · (x, y, t)`.
+    /// The texel and the depth in the shadow map to which those of the other view correspond: `origin + scale · (x, y, t)`.
     pub origin: DVec3,
     pub scale: DVec3,
 }
 
 impl Wanted {
-    /// A map for the texels of a shadow map that may show a fog, which is filled by the rays of that shadow map.
-    pub fn new(volume: usize, shown: &Shown, eye: Eye, range: TileRange) -> Option<Self> {
-        let depths = eye.depths(shown.world_from_index(), shown.index_box()?);
-        Some(Self {
+    /// A map for the texels of a shadow map that may show a fog, which is filled by the rays of that shadow map;
+    /// `None` if the light does not reach it.
+    pub fn new(
+        volume: usize,
+        shown: &Shown,
+        (eye, light_range): (Eye, f64),
+        range: TileRange,
+    ) -> Option<Self> {
+        let [near, far] = eye.depths(shown.world_from_index(), shown.index_box()?);
+        (near < light_range).then(|| Self {
             volume,
             low: (range.first * TILE).as_dvec2(),
             high: ((range.last + 1) * TILE).as_dvec2(),
+            anchor: DVec2::ZERO,
             // Voxels cover the fewest texels where they are farthest.
-            voxel: voxel_edge(shown) / eye.pixel_edges(depths[1]),
+            voxel: voxel_edge(shown) / eye.pixel_edges(far),
             least: DVec2::splat(LEAST_SPACING),
-            depths,
+            depths: [near, far.min(light_range)],
             readers: Vec::new(),
         })
     }
 
-    /// The distance between rays if it is a multiple of the least that is useful.
+    /// The distance between rays. It changes in steps, so that rays seldom move.
     fn spacing(&self, factor: f64) -> DVec2 {
-        let extent = self.high - self.low;
-        let least = self.least.max(extent / (MAX_EDGE - 3.0));
-        (factor * self.voxel.max(least)).min(extent)
+        (factor * self.voxel.max(self.least)).min(self.high - self.low)
     }
 
-    /// The first ray, which is at a multiple of the spacing so that rays stay where they are when the corners
-    /// move, and the number of rays along each axis.
+    /// The first ray, and the number of rays along each axis.
     fn rays(&self, factor: f64) -> [DVec2; 2] {
         let spacing = self.spacing(factor);
-        let first = (self.low / spacing).floor() * spacing;
+        let first = self.anchor + ((self.low - self.anchor) / spacing).floor() * spacing;
         [first, ((self.high - first) / spacing).ceil() + 1.0]
     }
+
+    /// The least factor with which there are at most so many rays.
+    fn factor(&self, most_rays: f64) -> f64 {
+        let fits = |factor: f64| {
+            let [_, rays] = self.rays(factor);
+            rays.max_element() <= MAX_EDGE && rays.element_product() <= most_rays
+        };
+        let mut factor = 1.0;
+        while !fits(factor) && factor < 1e6 {
+            factor *= std::f64::consts::SQRT_2;
+        }
+        factor
+    }
+}
+
+/// The factor for the spacing of each map. Only the largest maps have fewer rays than they want.
+fn factors(wanted: &[&Wanted]) -> Vec<f64> {
+    let mut most_rays = MAX_EDGE * MAX_EDGE;
+    loop {
+        let factors: Vec<_> = wanted.iter().map(|map| map.factor(most_rays)).collect();
+        let rays = wanted.iter().zip(&factors).map(|(map, factor)| map.rays(*factor)[1]);
+        // However many maps there are, each has a few rays.
+        if rays.map(DVec2::element_product).sum::<f64>() <= MAX_RAYS || most_rays <= 16.0 {
+            return factors;
+        }
+        most_rays *= 0.5;
+    }
+}
+
+/// A power of two or ¾ of one, so that the texture is rarely reallocated.
+fn rounded(edge: u32) -> u32 {
+    let power = edge.next_power_of_two();
+    if edge <= power / 4 * 3 { power / 4 * 3 } else { power }.max(LEAST_EDGE)
 }
 
 /// The shortest edge of a fog's voxels in world units.
@@ -106,23 +145,21 @@ impl Places {
     /// Finds a place for each map, in rows of maps from the tallest to the lowest. There is an entry for each of
     /// `volumes` volumes.
     pub fn new(wanted: &[Wanted], volumes: usize) -> Self {
-        let all_rays = |factor: f64| {
-            wanted.iter().map(|map| map.rays(factor)[1].element_product()).sum::<f64>()
-        };
-        let mut factor = 1.0;
-        // Each map needs at least 2×2 rays, however far apart.
-        while all_rays(factor) > MAX_RAYS && factor < 1e6 {
-            factor *= std::f64::consts::SQRT_2;
-        }
-        let mut sized: Vec<_> =
-            wanted.iter().map(|map| (map, map.rays(factor)[1].as_uvec2())).collect();
-        sized.sort_by_key(|(_, rays)| std::cmp::Reverse(rays.y));
-        let area: u32 = sized.iter().map(|(_, rays)| rays.element_product()).sum();
-        let widest = sized.iter().map(|(_, rays)| rays.x).max().unwrap_or_default();
-        let width = widest.max(area.isqrt()).next_multiple_of(GROWTH);
+        let has_extent = |map: &&Wanted| map.high.cmpgt(map.low).all();
+        let wanted: Vec<_> = wanted.iter().filter(has_extent).collect();
+        let factors = factors(&wanted).into_iter();
+        let mut sized: Vec<_> = wanted
+            .into_iter()
+            .zip(factors)
+            .map(|(map, factor)| (map, factor, map.rays(factor)[1].as_uvec2()))
+            .collect();
+        sized.sort_by_key(|(.., rays)| std::cmp::Reverse(rays.y));
+        let area: u32 = sized.iter().map(|(.., rays)| rays.element_product()).sum();
+        let widest = sized.iter().map(|(.., rays)| rays.x).max().unwrap_or_default();
+        let width = rounded(widest.max(area.isqrt()));
         let mut maps = vec![types::OpacityMap::default(); volumes];
         let (mut at, mut next_row) = (UVec2::ZERO, 0);
-        for (map, rays) in sized {
+        for (map, factor, rays) in sized {
             if at.x + rays.x > width {
                 at = UVec2::new(0, next_row);
             }
@@ -147,7 +184,7 @@ impl Places {
             }
             at.x += rays.x;
         }
-        Self { maps, size: UVec2::new(width, next_row.next_multiple_of(GROWTH)) }
+        Self { maps, size: UVec2::new(width, rounded(next_row)) }
     }
 }
 
@@ -191,6 +228,7 @@ mod tests {
             volume,
             low,
             high,
+            anchor: DVec2::new(5.3, -2.1),
             voxel: DVec2::splat(voxel),
             least: DVec2::splat(LEAST_SPACING),
             depths: [1.0, 2.0],
@@ -214,7 +252,7 @@ mod tests {
             assert!(places.size.max_element() <= 8192, "{}", places.size);
             let rays: u32 = places.maps.iter().map(|map| map.size[0] * map.size[1]).sum();
             assert!(f64::from(rays) <= MAX_RAYS, "{rays}");
-            assert!(places.size.element_product() < 3 * rays + 2 * 64 * 64 * 64, "{places:?}");
+            assert!(places.size.element_product() < 4 * rays + 64 * 64, "{}, {rays}", places.size);
             for (i, (own, map)) in wanted.iter().zip(&places.maps).enumerate() {
                 let [origin, size] = [map.origin, map.size].map(UVec2::from);
                 assert!((origin + size).cmple(places.size).all(), "{map:?}");
@@ -234,14 +272,27 @@ mod tests {
     #[test]
     fn there_is_a_ray_for_each_voxel_as_far_as_memory_allows() {
         let side = DVec2::splat(2048.0);
-        let places = |voxel| Places::new(&[wanted(0, DVec2::ZERO, side, voxel)], 1).maps[0];
+        let at_zero = |volume, voxel| Wanted {
+            anchor: DVec2::ZERO,
+            ..wanted(volume, DVec2::ZERO, side, voxel)
+        };
+        let places = |voxel| Places::new(&[at_zero(0, voxel)], 1).maps[0];
         assert_eq!((places(16.0).spacing, places(16.0).size), ([16.0; 2], [129; 2]));
         // Not more than shadow map filtering would show.
-        assert_eq!(places(0.1).spacing, places(4.0).spacing.map(|_| 2.0 * 2.0_f32.sqrt()));
+        assert_eq!(places(0.1).spacing, [2.0 * 2.0_f32.sqrt(); 2]);
         // However large a voxel, there are two rays along each axis.
         assert_eq!(places(1e9).size, [2; 2]);
+        // Large maps leave small ones what they want.
+        let small = wanted(4, DVec2::ZERO, side / 64.0, 2.0);
+        let all: Vec<_> = (0..4).map(|i| at_zero(i, 1.0)).chain([small]).collect();
+        let maps = Places::new(&all, 5).maps;
+        assert_eq!(maps[4].spacing, [2.0; 2]);
+        assert!(maps[0].spacing[0] > 4.0, "{:?}", maps[0]);
+        // What a light does not show needs no place.
+        let empty = wanted(0, side, side, 1.0);
+        assert_eq!(Places::new(&[empty], 1).maps[0].size, [0; 2]);
         // Another shadow map reads the same rays, in texels half as large and at other depths.
-        let mut shared = wanted(1, DVec2::ZERO, side, 16.0);
+        let mut shared = at_zero(1, 16.0);
         let (origin, scale) = (DVec3::new(5.0, 6.0, 7.0), DVec3::new(2.0, 2.0, 1.0));
         shared.readers.push(Reader { volume: 0, origin, scale });
         let [read, filled] = Places::new(&[shared], 2).maps[..] else { panic!("two maps") };
@@ -249,5 +300,20 @@ mod tests {
         assert_eq!((read.first_texel, read.spacing), ([5.0, 6.0], [32.0; 2]));
         assert_eq!((read.t_first, read.t_last), (8.0, 9.0));
         assert_eq!((read.origin, read.size), (filled.origin, filled.size));
+    }
+    /// While what is shown of a fog moves and grows, its rays stay where they are in it.
+    #[test]
+    fn rays_stay_where_they_are() {
+        let anchor = DVec2::new(0.4, 0.3);
+        let mut all = std::collections::BTreeSet::new();
+        for i in 0..100 {
+            let low = DVec2::splat(f64::from(i) * -7.77);
+            let high = DVec2::splat(2080.0 + f64::from(i) * 1.37);
+            let map = Places::new(&[Wanted { anchor, ..wanted(0, low, high, 3.0) }], 1).maps[0];
+            let steps = (Vec2::from(map.first_texel) - anchor.as_vec2()) / Vec2::from(map.spacing);
+            assert!((steps - steps.round()).abs().max_element() < 1e-3, "{map:?}");
+            all.insert(map.spacing[0].to_bits());
+        }
+        assert_eq!(all.len(), 1, "{all:?}");
     }
 }

@@ -78,14 +78,14 @@ pub(super) struct SunView {
     pub rays: ViewRays,
     pub world_from_view: DAffine3,
     pub size: UVec2,
-    /// Each fog, and the opacity map for it. The volume that fills it is counted from the first of the view.
+    /// Each fog, and the opacity map for it, whose volume is an index relative to the view's first.
     pub fogs: Vec<(types::Volume, Wanted)>,
 }
 
 impl Sun<'_> {
     fn view(&self) -> Option<SunView> {
         let all_corners = || self.fogs.iter().flat_map(|fog| world_corners(fog.caster.volume));
-        // Near the fogs, because rays are in 32-bit floats, and independent of cameras.
+        // Near the fogs, because rays are in 32-bit floats.
         let origin = all_corners().next()?;
         let world_from_view = DAffine3::from_mat3_translation(self.axes, origin);
         // Texels are world units.
@@ -114,9 +114,10 @@ impl Sun<'_> {
             let least = readers.iter().map(|reader| LEAST_SPACING / reader.scale.xy().abs());
             let wanted = Wanted {
                 volume: fogs.len(),
-                // Beyond the box, which no light is stopped by, and not beyond what is shown.
+                // One voxel beyond the box, where the fog stops no light, but no farther than what is shown.
                 low: (low - voxel).max(shown_low),
                 high: (high + voxel).min(shown_high),
+                anchor: place(eye, world.translation).xy(),
                 voxel,
                 least: least.reduce(DVec2::min).unwrap_or(voxel),
                 depths: eye.depths(world, bounds),
