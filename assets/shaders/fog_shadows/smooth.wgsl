@@ -7,7 +7,7 @@
 // shading has, too). Where a material ignores shadows, it is 0.
 
 #import bevy_vdb::fog_shadows::grain::{Grain, NO_GRAIN, decoded_grain}
-#import bevy_vdb::gpu::types::Placement
+#import bevy_vdb::gpu::types::{MAX_HALF, Placement}
 
 // What `find.wgsl` has found.
 @group(0) @binding(0) var found: texture_2d<u32>;
@@ -18,9 +18,6 @@
 
 // Pixels from the middle of the window to its border.
 const RADIUS: i32 = 3;
-
-// The largest 16-bit float. Brighter pixels are infinite.
-const MAX_F16: f32 = 65504.0;
 
 // How many times as bright as the pixel itself a neighbour counts at most: highlights do not follow the grain, and
 // a single one would outweigh the rest of a window.
@@ -106,7 +103,8 @@ fn remove_grain(@builtin(global_invocation_id) id: vec3<u32>) {
     let own = decoded_grain(encoded);
     let pixel = vec2<i32>(id.xy);
     let color = textureLoad(picture, placement.origin + id.xy, 0);
-    if !all(color.rgb < vec3(MAX_F16)) {
+    // Brighter pixels are infinite.
+    if !all(color.rgb < vec3(MAX_HALF)) {
         textureStore(smoothed, id.xy, color);
         return;
     }

@@ -1,13 +1,12 @@
-// Renders surfaces into one of Bevy's shadow maps. Each surface is an instance: a quad over the texels that
-// may show it, whose fragments find where the light's ray hits it.
+// Renders surfaces into one of Bevy's shadow maps: the fragments of a quad (`quad.wgsl`) find where the light's ray
+// hits its surface.
 
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::gpu::types::KIND_SURFACE
 #import bevy_vdb::traversal::rays::ndc_of
 #import bevy_vdb::traversal::hdda::{FAR, mirrored_ray, enter, first_hit}
-#import bevy_vdb::view::scene::{view, volumes}
+#import bevy_vdb::view::scene::{depth_of_t, view, volumes}
 #import bevy_vdb::trace::segment::{enters_page, lattice_ray, view_segment}
-#import bevy_vdb::shadow_maps::quad::{corner_position, depth_at}
 #ifdef VDB_SMOOTH
 #import bevy_vdb::gpu::types::KIND_SMOOTH
 #ifdef VDB_CLIP
@@ -16,20 +15,12 @@
 #import bevy_vdb::traversal::smooth::first_root
 #endif
 
-struct Quad {
-    @builtin(position) position: vec4<f32>,
-    @location(0) @interpolate(flat) instance: u32,
-}
-
-@vertex
-fn quad(@builtin(vertex_index) corner: u32, @builtin(instance_index) instance: u32) -> Quad {
-    return Quad(corner_position(view.volume_first + instance, corner), instance);
-}
-
 @fragment
-fn stop(in: Quad) -> @builtin(frag_depth) f32 {
-    let texel = vec2<u32>(in.position.xy);
-    let volume = view.volume_first + in.instance;
+fn stop(
+    @builtin(position) position: vec4<f32>,
+    @location(0) @interpolate(flat) volume: u32,
+) -> @builtin(frag_depth) f32 {
+    let texel = vec2<u32>(position.xy);
     let grid = grids[volumes[volume].grid];
     let segment = view_segment(ndc_of(texel, view.size));
     let mirrored = mirrored_ray(grid, lattice_ray(segment, volume, FAR));
@@ -56,5 +47,5 @@ fn stop(in: Quad) -> @builtin(frag_depth) f32 {
     if t >= FAR {
         discard;
     }
-    return depth_at(t);
+    return depth_of_t(t);
 }

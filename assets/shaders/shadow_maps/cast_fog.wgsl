@@ -1,24 +1,13 @@
-// Renders fogs into one of Bevy's shadow maps, by their opacity maps. Each fog is an instance: a quad over the texels
-// that may show it, whose fragments find where the light of their texel is stopped.
+// Renders fogs into one of Bevy's shadow maps: the fragments of a quad (`quad.wgsl`) look up in the opacity map of its
+// fog where the light of their texel is stopped.
 
-#import bevy_vdb::view::scene::view
+#import bevy_vdb::view::scene::{depth_of_t, view}
 #import bevy_vdb::shadow_maps::opacity::{SLICES, SLICE_LAYERS, opacity_maps}
-#import bevy_vdb::shadow_maps::quad::{corner_position, depth_at}
 
 @group(0) @binding(1) var opacity: texture_2d_array<f32>;
 @group(0) @binding(2) var linear_sampler: sampler;
 
-struct Quad {
-    @builtin(position) position: vec4<f32>,
-    @location(0) @interpolate(flat) instance: u32,
-}
-
-@vertex
-fn quad(@builtin(vertex_index) corner: u32, @builtin(instance_index) instance: u32) -> Quad {
-    return Quad(corner_position(view.volume_first + instance, corner), instance);
-}
-
-// The least threshold where there is no offset.
+// The lowest of the 256 thresholds, which an offset does not undercut.
 const LEAST_THRESHOLD: f32 = 0.001953125;  // 1/512
 
 // The transmittance at which a texel stops its light. Fog attenuates light gradually, but a texel has a single
@@ -39,16 +28,19 @@ fn dither_threshold(texel: vec2<u32>, fog: u32) -> f32 {
 }
 
 @fragment
-fn stop(in: Quad) -> @builtin(frag_depth) f32 {
-    let map = opacity_maps[view.volume_first + in.instance];
+fn stop(
+    @builtin(position) position: vec4<f32>,
+    @location(0) @interpolate(flat) volume: u32,
+) -> @builtin(frag_depth) f32 {
+    let map = opacity_maps[volume];
     if any(map.size == vec2(0u)) {
         discard;
     }
     // The ray of a sample is at its middle. Beyond the first and the last, no texel is shown, or no light is stopped.
-    let sample = (in.position.xy - map.first_texel) / map.spacing;
+    let sample = (position.xy - map.first_texel) / map.spacing;
     let place = clamp(sample, vec2(0.0), vec2<f32>(map.size) - 1.0) + 0.5;
     let uv = (vec2<f32>(map.origin) + place) / vec2<f32>(textureDimensions(opacity));
-    let optical_depth = -log(dither_threshold(vec2<u32>(in.position.xy), in.instance));
+    let optical_depth = -log(dither_threshold(vec2<u32>(position.xy), volume - view.volume_first));
     // How many layers end before it, and with which optical depth the last of them does.
     var layers = 0u;
     var before = 0.0;
@@ -69,5 +61,5 @@ fn stop(in: Quad) -> @builtin(frag_depth) f32 {
     let slices = f32(4u * layers + i) + saturate(part);
     let halves = textureSampleLevel(opacity, linear_sampler, uv, 0u, 0.0);
     let ends = halves.xy + halves.zw;
-    return depth_at(mix(map.t_first, map.t_last, mix(ends.x, ends.y, slices / f32(SLICES))));
+    return depth_of_t(mix(map.t_first, map.t_last, mix(ends.x, ends.y, slices / f32(SLICES))));
 }

@@ -2,6 +2,7 @@
 
 #import bevy_vdb::gpu::types::Ray
 #import bevy_vdb::traversal::hdda::{FAR, mirrored_ray, enter, local_cell}
+#import bevy_vdb::traversal::rays::ndc_at
 #import bevy_vdb::traversal::march::{begin_march, next_interval, scaled_step}
 #import bevy_vdb::traversal::tree::new_accessor
 #import bevy_vdb::view::scene::{fog_grid, view, volumes}
@@ -11,7 +12,7 @@
 @group(0) @binding(1) var opacity: texture_storage_2d_array<rgba16float, write>;
 
 // Voxels between samples of fog, and the longest edge of its box, in voxels, above which steps become
-// longer. Several cameras may share a shadow map, so their quality settings do not apply.
+// longer. All cameras share these maps, so their quality settings do not apply.
 const STEP: f32 = 1.0;
 const EDGE: f32 = 256.0;
 
@@ -38,8 +39,7 @@ fn fill(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let to = map.origin + id.xy;
-    let at = (map.first_texel + vec2<f32>(id.xy) * map.spacing) / vec2<f32>(view.size);
-    let segment = view_segment(vec2(2.0 * at.x - 1.0, 1.0 - 2.0 * at.y));
+    let segment = view_segment(ndc_at(map.first_texel + vec2<f32>(id.xy) * map.spacing, view.size));
     let grid = fog_grid(volume);
     let ray = lattice_ray(segment, volume, map.t_last);
     let ends = ends_in_box(ray, grid.occupied_min, grid.occupied_max);

@@ -1,13 +1,19 @@
-// The part of a shadow map that may show a volume.
-#define_import_path bevy_vdb::shadow_maps::quad
+// The vertex stage of all volumes in a shadow map: each is an instance, a quad over the texels that may show it.
 
+#import bevy_vdb::traversal::rays::ndc_at
 #import bevy_vdb::view::scene::{view, volumes}
 
-// Texels per edge of a tile: `TILE` in `src/render/view/tiles.rs`.
+// Texels per edge of a tile: `TILE` in `src/render/gpu/dispatch.rs`.
 const TILE: f32 = 8.0;
 
-// A corner, of four, of the tiles that may show a volume, in clip space.
-fn corner_position(volume: u32, corner: u32) -> vec4<f32> {
+struct Quad {
+    @builtin(position) position: vec4<f32>,
+    @location(0) @interpolate(flat) volume: u32,
+}
+
+@vertex
+fn quad(@builtin(vertex_index) corner: u32, @builtin(instance_index) instance: u32) -> Quad {
+    let volume = view.volume_first + instance;
     let tiles_first = volumes[volume].tiles_first;
     let tiles_last = volumes[volume].tiles_last;
     let is_last = vec2((corner & 1u) != 0u, (corner & 2u) != 0u);
@@ -16,12 +22,5 @@ fn corner_position(volume: u32, corner: u32) -> vec4<f32> {
         vec2(tiles_last & 0xffffu, tiles_last >> 16u) + 1u,
         is_last,
     );
-    let at = TILE * vec2<f32>(tile) / vec2<f32>(view.size);
-    return vec4(2.0 * at.x - 1.0, 1.0 - 2.0 * at.y, 0.5, 1.0);
-}
-
-// The depth at t of a light's rays. In front of the near plane, it is that of the near plane.
-fn depth_at(t: f32) -> f32 {
-    let m = view.depth_from_t;
-    return saturate((m.x * t + m.y) / (m.z * t + m.w));
+    return Quad(vec4(ndc_at(TILE * vec2<f32>(tile), view.size), 0.5, 1.0), volume);
 }

@@ -8,7 +8,7 @@
 #import bevy_vdb::trace::surface::{Surface, nearer, no_surface}
 #import bevy_vdb::view::depths::{NO_DEPTH, encoded_fog_depth, is_surface_depth}
 #import bevy_vdb::view::picture::{depth_of_meshes, t_of_depth}
-#import bevy_vdb::view::scene::{target_pixel, view, volumes}
+#import bevy_vdb::view::scene::{depth_of_t, target_pixel, view, volumes}
 #ifdef VDB_REFLECTIONS
 #import bevy_vdb::view::scene::{interleaved_gradient_noise, random_pair}
 #endif
@@ -64,11 +64,6 @@ const MAX_COLOR: f32 = 65000.0;
 // The t of the opaque meshes at a pixel.
 fn mesh_t(pixel: vec2<u32>) -> f32 {
     return t_of_depth(view.t_from_depth, depth_of_meshes(scene_depth, target_pixel(pixel)));
-}
-
-fn depth_of_t(t: f32) -> f32 {
-    let m = view.depth_from_t;
-    return saturate((m.x * t + m.y) / (m.z * t + m.w));
 }
 
 // The nearest surface before `t_max`.

@@ -33,7 +33,12 @@ fn surface_offset(gradient: vec3<f32>, ray_dir: vec3<f32>, t: f32) -> vec3<f32> 
 
 // Normalised device coordinates of a pixel's centre.
 fn ndc_of(pixel: vec2<u32>, size: vec2<u32>) -> vec2<f32> {
-    let uv = (vec2<f32>(pixel) + 0.5) / vec2<f32>(size);
+    return ndc_at(vec2<f32>(pixel) + 0.5, size);
+}
+
+// Normalised device coordinates of a place in the image, in pixels from its upper left corner.
+fn ndc_at(place: vec2<f32>, size: vec2<u32>) -> vec2<f32> {
+    let uv = place / vec2<f32>(size);
     return vec2(2.0 * uv.x - 1.0, 1.0 - 2.0 * uv.y);
 }
 

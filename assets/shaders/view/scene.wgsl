@@ -19,6 +19,12 @@ fn target_pixel(pixel: vec2<u32>) -> vec2<u32> {
 #endif
 }
 
+// The value in the depth buffer at t of the view's rays. In front of the near plane, it is that of the near plane.
+fn depth_of_t(t: f32) -> f32 {
+    let m = view.depth_from_t;
+    return saturate((m.x * t + m.y) / (m.z * t + m.w));
+}
+
 // The number of a volume's custom material, or 0 for none.
 fn material_number(volume: u32) -> u32 {
     return volumes[volume].flags >> MATERIAL_SHIFT;

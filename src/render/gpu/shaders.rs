@@ -16,7 +16,7 @@ macro_rules! shaders {
 }
 
 /// The modules that shaders import.
-const IMPORTS: [(&str, &[u8]); 65] = shaders![
+const IMPORTS: [(&str, &[u8]); 64] = shaders![
     "gpu/types",
     "gpu/bindings",
     "material/table",
@@ -57,7 +57,6 @@ const IMPORTS: [(&str, &[u8]); 65] = shaders![
     "trace/mesh_shadows",
     "trace/visibility",
     "trace/rect_lights",
-    "shadow_maps/quad",
     "shadow_maps/opacity",
     "fog_shadows/grain",
     "fog_shadows/maps",
@@ -84,7 +83,7 @@ const IMPORTS: [(&str, &[u8]); 65] = shaders![
     "trace/path"
 ];
 /// The shaders with entry points.
-const PROGRAMS: [(&str, &[u8]); 20] = shaders![
+const PROGRAMS: [(&str, &[u8]); 21] = shaders![
     "trace/beams",
     "trace/edges",
     "trace/trace",
@@ -93,6 +92,7 @@ const PROGRAMS: [(&str, &[u8]); 20] = shaders![
     "upscale/upscale",
     "accumulate/accumulate",
     "composite/composite",
+    "shadow_maps/quad",
     "shadow_maps/fill_opacity",
     "shadow_maps/cast_fog",
     "shadow_maps/cast",
@@ -166,6 +166,7 @@ pub(crate) struct Shaders {
     pub upscale: Handle<Shader>,
     pub accumulate: Handle<Shader>,
     pub composite: Handle<Shader>,
+    pub quad: Handle<Shader>,
     pub fill_opacity: Handle<Shader>,
     pub cast_fog: Handle<Shader>,
     pub cast: Handle<Shader>,
@@ -204,6 +205,7 @@ impl Shaders {
             upscale,
             accumulate,
             composite,
+            quad,
             fill_opacity,
             cast_fog,
             cast,
@@ -231,6 +233,7 @@ impl Shaders {
             upscale,
             accumulate,
             composite,
+            quad,
             fill_opacity,
             cast_fog,
             cast,

@@ -81,7 +81,7 @@ impl Wanted {
         })
     }
 
-    /// The distance between rays. It changes in steps, so that rays seldom move.
+    /// The distance between rays.
     fn spacing(&self, factor: f64) -> DVec2 {
         (factor * self.voxel.max(self.least)).min(self.high - self.low)
     }
@@ -93,7 +93,8 @@ impl Wanted {
         [first, ((self.high - first) / spacing).ceil() + 1.0]
     }
 
-    /// The least factor with which there are at most so many rays.
+    /// The smallest factor, in steps of √2 so that rays rarely move, that keeps the number of rays within
+    /// `most_rays`, and within [`MAX_EDGE`] on each axis.
     fn factor(&self, most_rays: f64) -> f64 {
         let fits = |factor: f64| {
             let [_, rays] = self.rays(factor);
@@ -107,7 +108,7 @@ impl Wanted {
     }
 }
 
-/// The factor for the spacing of each map. Only the largest maps have fewer rays than they want.
+/// The factor by which the rays of each map are farther apart than they should be. Only the largest maps lose rays.
 fn factors(wanted: &[&Wanted]) -> Vec<f64> {
     let mut most_rays = MAX_EDGE * MAX_EDGE;
     loop {
@@ -295,12 +296,15 @@ mod tests {
         let mut shared = at_zero(1, 16.0);
         let (origin, scale) = (DVec3::new(5.0, 6.0, 7.0), DVec3::new(2.0, 2.0, 1.0));
         shared.readers.push(Reader { volume: 0, origin, scale });
+        let aside = Wanted { low: DVec2::new(32.0, 48.0), ..shared.clone() };
+        assert_eq!(Places::new(&[aside], 2).maps[0].first_texel, [69.0, 102.0]);
         let [read, filled] = Places::new(&[shared], 2).maps[..] else { panic!("two maps") };
         assert_eq!((filled.first_texel, filled.spacing), ([0.0; 2], [16.0; 2]));
         assert_eq!((read.first_texel, read.spacing), ([5.0, 6.0], [32.0; 2]));
         assert_eq!((read.t_first, read.t_last), (8.0, 9.0));
         assert_eq!((read.origin, read.size), (filled.origin, filled.size));
     }
+
     /// While what is shown of a fog moves and grows, its rays stay where they are in it.
     #[test]
     fn rays_stay_where_they_are() {

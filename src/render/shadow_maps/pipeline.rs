@@ -92,7 +92,7 @@ impl SpecializedRenderPipeline for CastPipelines {
         };
         let shader_defs = key.defs(&self.shaders);
         let vertex = VertexState {
-            shader: shader.clone(),
+            shader: self.shaders.quad.clone(),
             shader_defs: shader_defs.clone(),
             entry_point: Some("quad".into()),
             buffers: Vec::new(),

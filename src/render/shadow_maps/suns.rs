@@ -11,7 +11,7 @@ use crate::asset::corners;
 use crate::render::gpu::{TILE, types};
 use crate::render::view::{Eye, TileRange, volume_data, world_corners};
 
-/// The fogs that suns see.
+/// The fogs in the shadow maps of suns.
 #[derive(Default)]
 pub(super) struct Suns<'a>(Vec<Sun<'a>>);
 

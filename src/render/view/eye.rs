@@ -49,14 +49,12 @@ impl Footprint {
         let axes = (eye.world_from_view.inverse() * world_from_index).matrix3;
         let edges = [axes.x_axis, axes.y_axis, axes.z_axis].map(|axis| axis.length());
         let voxel = edges.into_iter().fold(0.0, f64::max);
-        let factor = |x: DVec3, y: DVec3| {
-            let [x, y] = [(x, eye.size.x), (y, eye.size.y)]
-                .map(|(across, pixels)| across.length() * 2.0 / f64::from(pixels));
-            let factor = detail * x.min(y) / voxel;
+        let factor = |pixel: DVec2| {
+            let factor = detail * pixel.min_element() / voxel;
             if factor.is_finite() { factor } else { 0.0 }
         };
-        let rays = eye.rays;
-        Self { at_eye: factor(rays.eye_x, rays.eye_y), per_depth: factor(rays.dir_x, rays.dir_y) }
+        let at_eye = eye.pixel_edges(0.0);
+        Self { at_eye: factor(at_eye), per_depth: factor(eye.pixel_edges(1.0) - at_eye) }
     }
 
     /// The coarsest level whose voxels are small enough at a depth, of `most` coarser ones.

@@ -232,7 +232,7 @@ fn the_beams_are_valid() {
 fn what_is_drawn_into_shadow_maps_is_valid() {
     let mut composer = composer();
     for kinds in subsets(&["VDB_SURFACES", "VDB_SMOOTH", "VDB_FOGS"]) {
-        let mut programs = vec!["shadow_maps/cast"];
+        let mut programs = vec!["shadow_maps/quad", "shadow_maps/cast"];
         if kinds.contains(&"VDB_FOGS") {
             programs.extend(["shadow_maps/cast_fog", "shadow_maps/fill_opacity"]);
         }
