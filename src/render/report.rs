@@ -105,46 +105,8 @@ fn of_view(
     let mut buffers = Buffers::default();
     buffers.add("vdb_view", uniform, "the camera");
     buffers.add_some("vdb_placement", &composite.placement, "the viewport");
-    if let Some(texture) = on_meshes.opacity {
-        let why = "fog casts shadows on meshes, in maps that all cameras share";
-        buffers.push("vdb_opacity", bytes(texture), why);
-    }
-    if let Some(textures) = on_meshes.smoothed {
-        let why = "fog casts shadows on meshes";
-        for (name, texture) in SMOOTHED.into_iter().zip(textures) {
-            buffers.push(name, bytes(texture), why);
-        }
-    }
-    if let Some(traced) = &picture.traced {
-        buffers.push("vdb_color", bytes(&traced.color), "the colours of the traced image");
-        buffers.push("vdb_depth", bytes(&traced.depth), "the depths of the traced image");
-    }
-    if light.is_used() {
-        let [atlas, staging, depths] = light_cache.bytes();
-        buffers.push("vdb_light_atlas", atlas, "the light cache, which all cameras share");
-        if light.bytes() > 0 {
-            let why = "point or spot lights cast shadows in the light cache";
-            buffers.push("vdb_lamp_lattices", light.bytes(), why);
-        }
-        if let Some(scattered) = &trace.lamp_light {
-            let why = "light that lamps scatter in fog towards the camera";
-            buffers.push("vdb_lamp_light", scattered.bytes(), why);
-        }
-        if staging > 0 {
-            buffers.push("vdb_light_staging", staging, "the light cache is being filled");
-        }
-        if depths > 0 {
-            buffers.push("vdb_light_depths", depths, "the light cache is being filled for a sun");
-        }
-    }
-    if prepared.key.has(Features::SCATTERED_LIGHT) {
-        let [texture, changing] = scattered.bytes();
-        let why = "light that fogs scatter repeatedly, which all cameras share";
-        buffers.push("vdb_scattered_light", texture, why);
-        if changing > 0 {
-            buffers.push("vdb_scattered_changes", changing, "scattered light is being solved for");
-        }
-    }
+    buffers.add_on_meshes(&on_meshes);
+    buffers.add_light(prepared, light, trace, light_cache, scattered);
     if prepared.key.has(Features::RAMPS) {
         buffers.push("vdb_ramps", ramps.table.bytes(), "fogs have a VdbRamp");
     }
@@ -152,11 +114,7 @@ fn of_view(
         let why = "volumes have a VdbMaterialExtension";
         buffers.push("vdb_materials", materials.table.bytes(), why);
     }
-    buffers.add_some("vdb_tiles", &trace.tiles, "the rays of a tile share a start");
-    buffers.add_some("vdb_edge_pixels", &edges.list, EDGES);
-    if let Some(moving) = picture.traced.as_ref().and_then(|traced| traced.moving.as_ref()) {
-        buffers.push("vdb_moving", bytes(moving), "motion vectors");
-    }
+    buffers.add_trace(picture, trace, edges);
     if let Some(motion) = &composite.motion {
         buffers.add("vdb_motion", &motion.matrices, "motion vectors");
         if let Some([velocities, means]) = &motion.of_velocities {
@@ -165,20 +123,7 @@ fn of_view(
             buffers.add("vdb_velocity_means", means, why);
         }
     }
-    if let (Some(reflections), Some(outputs)) = (&trace.reflections, &denoise.outputs) {
-        let why = "reflections in rough surfaces are denoised";
-        buffers.push("vdb_reflections", bytes(reflections), why);
-        buffers.push("vdb_denoised", outputs.iter().map(bytes).sum(), why);
-    }
-    if let Some(upscaled) = &upscale.picture {
-        let why = "there are fewer rays than pixels";
-        buffers.push("vdb_color_upscaled", bytes(&upscaled.color), why);
-        buffers.push("vdb_depth_upscaled", bytes(&upscaled.depth), why);
-        if let Some(moving) = &upscaled.moving {
-            let why = "motion vectors, with fewer rays than pixels";
-            buffers.push("vdb_moving_upscaled", bytes(moving), why);
-        }
-    }
+    buffers.add_later(trace, denoise, upscale);
     if let Some(mean) = accumulate.accumulated.as_ref().and_then(Accumulated::mean) {
         buffers.add_mean(mean);
     }
@@ -253,6 +198,86 @@ impl Buffers {
     fn add_some(&mut self, name: &'static str, buffer: &Option<Buffer>, why: &'static str) {
         if let Some(buffer) = buffer {
             self.add(name, buffer, why);
+        }
+    }
+
+    fn add_on_meshes(&mut self, on_meshes: &OnMeshes) {
+        if let Some(texture) = on_meshes.opacity {
+            let why = "fog casts shadows on meshes, in maps that all cameras share";
+            self.push("vdb_opacity", bytes(texture), why);
+        }
+        if let Some(textures) = on_meshes.smoothed {
+            let why = "fog casts shadows on meshes";
+            for (name, texture) in SMOOTHED.into_iter().zip(textures) {
+                self.push(name, bytes(texture), why);
+            }
+        }
+    }
+
+    /// What light in fog is stored in.
+    fn add_light(
+        &mut self,
+        prepared: &PreparedView,
+        light: &LightCacheView,
+        trace: &TraceView,
+        light_cache: &LightCache,
+        scattered: &ScatteredLight,
+    ) {
+        if light.is_used() {
+            let [atlas, staging, depths] = light_cache.bytes();
+            self.push("vdb_light_atlas", atlas, "the light cache, which all cameras share");
+            if light.bytes() > 0 {
+                let why = "point or spot lights cast shadows in the light cache";
+                self.push("vdb_lamp_lattices", light.bytes(), why);
+            }
+            if let Some(scattered) = &trace.lamp_light {
+                let why = "light that lamps scatter in fog towards the camera";
+                self.push("vdb_lamp_light", scattered.bytes(), why);
+            }
+            if staging > 0 {
+                self.push("vdb_light_staging", staging, "the light cache is being filled");
+            }
+            if depths > 0 {
+                self.push("vdb_light_depths", depths, "the light cache is being filled for a sun");
+            }
+        }
+        if prepared.key.has(Features::SCATTERED_LIGHT) {
+            let [texture, changing] = scattered.bytes();
+            let why = "light that fogs scatter repeatedly, which all cameras share";
+            self.push("vdb_scattered_light", texture, why);
+            if changing > 0 {
+                self.push("vdb_scattered_changes", changing, "scattered light is being solved for");
+            }
+        }
+    }
+
+    fn add_trace(&mut self, picture: &ViewPicture, trace: &TraceView, edges: &EdgesView) {
+        if let Some(traced) = &picture.traced {
+            self.push("vdb_color", bytes(&traced.color), "the colours of the traced image");
+            self.push("vdb_depth", bytes(&traced.depth), "the depths of the traced image");
+        }
+        self.add_some("vdb_tiles", &trace.tiles, "the rays of a tile share a start");
+        self.add_some("vdb_edge_pixels", &edges.list, EDGES);
+        if let Some(moving) = picture.traced.as_ref().and_then(|traced| traced.moving.as_ref()) {
+            self.push("vdb_moving", bytes(moving), "motion vectors");
+        }
+    }
+
+    /// What the passes between the trace and the mean of frames write.
+    fn add_later(&mut self, trace: &TraceView, denoise: &DenoiseView, upscale: &UpscaleView) {
+        if let (Some(reflections), Some(outputs)) = (&trace.reflections, &denoise.outputs) {
+            let why = "reflections in rough surfaces are denoised";
+            self.push("vdb_reflections", bytes(reflections), why);
+            self.push("vdb_denoised", outputs.iter().map(bytes).sum(), why);
+        }
+        if let Some(upscaled) = &upscale.picture {
+            let why = "there are fewer rays than pixels";
+            self.push("vdb_color_upscaled", bytes(&upscaled.color), why);
+            self.push("vdb_depth_upscaled", bytes(&upscaled.depth), why);
+            if let Some(moving) = &upscaled.moving {
+                let why = "motion vectors, with fewer rays than pixels";
+                self.push("vdb_moving_upscaled", bytes(moving), why);
+            }
         }
     }
 

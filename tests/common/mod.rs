@@ -20,9 +20,14 @@ use bevy::prelude::*;
 use bevy::render::RenderPlugin;
 use bevy::render::gpu_readback::{Readback, ReadbackComplete};
 use bevy::render::pipelined_rendering::PipelinedRenderingPlugin;
-use bevy::render::render_resource::{PipelineCache, PollType, TextureFormat, TextureUsages};
-use bevy::render::renderer::RenderDevice;
+use bevy::render::render_asset::RenderAssets;
+use bevy::render::render_resource::{
+    BufferDescriptor, BufferUsages, MapMode, PipelineCache, PollType, TexelCopyBufferInfo,
+    TexelCopyBufferLayout, TextureFormat, TextureUsages,
+};
+use bevy::render::renderer::{RenderDevice, RenderQueue};
 use bevy::render::settings::{RenderCreation, WgpuFeatures, WgpuSettings, WgpuSettingsPriority};
+use bevy::render::texture::GpuImage;
 use bevy::window::ExitCondition;
 use bevy::winit::WinitPlugin;
 use bevy_vdb::{VdbCamera, VdbGrid, VdbRenderPlugin, VdbVolume};
@@ -35,7 +40,6 @@ pub use adapter::has_gpu;
 /// The app, and a place where pictures arrive.
 pub struct Stage {
     pub app: App,
-    arrived: Arc<Mutex<Option<Vec<u8>>>>,
 }
 
 /// A picture in linear colours, row by row from the top left.
@@ -189,7 +193,7 @@ impl Stage {
         }
         app.finish();
         app.cleanup();
-        Self { app, arrived: Arc::default() }
+        Self { app }
     }
 
     pub fn world(&mut self) -> &mut World {
@@ -314,33 +318,41 @@ impl Stage {
     /// What stands in an image after the next frames.
     pub fn picture(&mut self, target: &Handle<Image>) -> Picture {
         self.settle();
-        *self.arrived.lock().unwrap() = None;
-        let arrived = self.arrived.clone();
-        let reader = self
-            .world()
-            .spawn(Readback::texture(target.clone()))
-            .observe(move |data: On<ReadbackComplete>| {
-                *arrived.lock().unwrap() = Some(data.data.clone());
-            })
-            .id();
-        for _ in 0..200 {
-            self.update(1);
-            // So that it arrives with the next frame, not the one after that. A lost device has nothing to wait for.
-            let render = self.app.sub_app(bevy::render::RenderApp).world();
-            let device = render.resource::<RenderDevice>();
-            device.poll(PollType::wait_indefinitely()).ok();
-            let bytes = self.arrived.lock().unwrap().take();
-            if let Some(bytes) = bytes {
-                self.world().despawn(reader);
-                let images = self.world().resource::<Assets<Image>>();
-                let size = images.get(target).unwrap().size();
-                let floats: Vec<f32> = bytemuck::pod_collect_to_vec(&bytes);
-                let pixels: Vec<Vec4> = floats.chunks_exact(4).map(Vec4::from_slice).collect();
-                assert_eq!(pixels.len(), (size.x * size.y) as usize);
-                assert!(pixels.iter().all(|pixel| pixel.is_finite()), "a pixel is not finite");
-                return Picture { size, pixels };
-            }
-        }
-        panic!("no picture came back from the GPU");
+        // Some of what a view needs is only known once its pipelines are there.
+        self.update(1);
+        self.read(target)
+    }
+
+    /// What the last frame has left in an image.
+    fn read(&self, target: &Handle<Image>) -> Picture {
+        let render = self.app.sub_app(bevy::render::RenderApp).world();
+        let images = render.resource::<RenderAssets<GpuImage>>();
+        let texture = &images.get(target).expect("an image that is on the GPU").texture;
+        let size = texture.size();
+        let row = size.width as usize * size_of::<Vec4>();
+        let aligned = RenderDevice::align_copy_bytes_per_row(row);
+        let device = render.resource::<RenderDevice>();
+        let buffer = device.create_buffer(&BufferDescriptor {
+            label: Some("picture"),
+            size: (aligned * size.height as usize) as u64,
+            usage: BufferUsages::COPY_DST | BufferUsages::MAP_READ,
+            mapped_at_creation: false,
+        });
+        let layout = TexelCopyBufferLayout {
+            offset: 0,
+            bytes_per_row: Some(aligned as u32),
+            rows_per_image: None,
+        };
+        let mut encoder = device.create_command_encoder(&default());
+        let target = TexelCopyBufferInfo { buffer: &buffer, layout };
+        encoder.copy_texture_to_buffer(texture.as_image_copy(), target, size);
+        render.resource::<RenderQueue>().submit([encoder.finish()]);
+        buffer.slice(..).map_async(MapMode::Read, |mapped| mapped.expect("a picture in memory"));
+        device.poll(PollType::wait_indefinitely()).expect("a picture from the GPU");
+        let bytes = buffer.slice(..).get_mapped_range();
+        let rows = bytes.chunks_exact(aligned).map(|line| &line[..row]);
+        let pixels: Vec<Vec4> = rows.flat_map(bytemuck::pod_collect_to_vec::<u8, Vec4>).collect();
+        assert!(pixels.iter().all(|pixel| pixel.is_finite()), "a pixel is not finite");
+        Picture { size: UVec2::new(size.width, size.height), pixels }
     }
 }

@@ -4,7 +4,7 @@
 
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::trace::fog_march::light_interval
-#import bevy_vdb::trace::medium::{MAX_FOGS, Medium}
+#import bevy_vdb::trace::medium::{MAX_FOGS, Medium, step_of_voxels}
 #import bevy_vdb::trace::scattering::{ScatteringSums, Tint, remaining_color}
 #import bevy_vdb::trace::segment::Segment
 #import bevy_vdb::trace::shared_light::{FogPoint, FogSums, HAS_OCCLUDERS, HAS_OTHER_LIGHTS, SUN_COUNT, SUN_SLOTS}
@@ -51,6 +51,25 @@ struct SegmentSums {
 #ifdef VDB_VARYING_ALBEDO
     albedos: array<vec3<f32>, MAX_FOGS>,    // times the weights
 #endif
+#ifdef VDB_LAMP_LIGHT
+    lamp_light: vec3<f32>,          // of lamps, times the exposure
+#endif
+#ifdef VDB_EMITS
+    emitted: vec3<f32>,
+    emitted_weight: f32,            // the sum of its channels
+    t_emitted: f32,                 // t times the weight
+#endif
+}
+
+// Where the next interval ends. Every t is relative to where the march begins.
+struct Flush {
+    t: f32,
+    t_interval: f32,                // the longest interval where the view is not attenuated
+    is_near_lamps: bool,            // whether the last interval was
+#ifdef VDB_LAMP_LIGHT
+    t_begin: f32,
+    near: vec2<f32>,                // see `near_lamps`
+#endif
 }
 
 // If false, light varies along a ray only through the cache of suns, which is read at every step.
@@ -79,6 +98,63 @@ fn interval_voxels(segment: Segment, volume: u32) -> f32 {
     }
     return voxels;
 }
+
+// Starts short, because a lamp may be near.
+fn begin_intervals(
+    segment: Segment,
+    fogs: ptr<function, array<Medium, MAX_FOGS>>,
+    fog_count: u32,
+    t_zero: f32,
+    t_begin: f32,
+) -> Flush {
+    var flush = Flush();
+    flush.is_near_lamps = true;
+    flush.t_interval = FAR;
+    if HAS_INTERVALS {
+        for (var i = 0u; i < fog_count; i++) {
+            let voxels = interval_voxels(segment, (*fogs)[i].volume);
+            flush.t_interval = min(flush.t_interval, step_of_voxels((*fogs)[i], voxels));
+        }
+    }
+    flush.t = next_multiple(t_zero + t_begin, 0.25 * flush.t_interval) - t_zero;
+#ifdef VDB_LAMP_LIGHT
+    flush.t_begin = t_begin;
+    flush.near = near_lamps(segment, fogs, fog_count, t_zero);
+    flush.t = flush_near_lamps(flush.t, t_begin, flush.near);
+#endif
+    return flush;
+}
+
+// An interval ends at `t_end`.
+fn ended(flush: Flush, t_end: f32) -> Flush {
+    var own = flush;
+#ifdef VDB_LAMP_LIGHT
+    own.is_near_lamps = flush.near.x < t_end && flush.near.y > flush.t_begin;
+    own.t_begin = t_end;
+#endif
+    return own;
+}
+
+// The next interval begins at `t_begin`, or where there is something again, and may be this part of the longest one. It
+// ends at a multiple of a length, so that neighbouring rays evaluate light at the same time.
+fn next_flush(flush: Flush, part: f32, t_zero: f32, t_begin: f32, t_near: f32) -> Flush {
+    var own = flush;
+    let t_part = flush.t_interval * exp2(floor(log2(part)));
+    own.t = next_multiple(t_zero + max(t_begin, t_near), t_part) - t_zero;
+#ifdef VDB_LAMP_LIGHT
+    own.t = flush_near_lamps(own.t, t_begin, flush.near);
+#endif
+    return own;
+}
+
+#ifdef VDB_EMITS
+fn add_emitted(sums: ptr<function, SegmentSums>, emitted: vec3<f32>, t: f32) {
+    let weight = dot(emitted, vec3(1.0));
+    (*sums).emitted += emitted;
+    (*sums).emitted_weight += weight;
+    (*sums).t_emitted += weight * t;
+}
+#endif
 
 // Adds an interval to the sums of its segment, with the light at the mean position of what is visible. Every
 // t of the media and the sums is relative to `t_zero`.

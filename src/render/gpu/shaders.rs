@@ -16,7 +16,7 @@ macro_rules! shaders {
 }
 
 /// The modules that shaders import.
-const IMPORTS: [(&str, &[u8]); 64] = shaders![
+const IMPORTS: [(&str, &[u8]); 65] = shaders![
     "gpu/types",
     "gpu/bindings",
     "material/table",
@@ -73,6 +73,7 @@ const IMPORTS: [(&str, &[u8]); 64] = shaders![
     "trace/shared_light",
     "trace/ramp_light",
     "trace/medium",
+    "trace/span",
     "trace/intervals",
     "trace/media_step",
     "trace/media",

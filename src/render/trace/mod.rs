@@ -2,6 +2,7 @@
 //! where they start (beam optimisation), then traces the rays.
 
 mod beams;
+mod bind;
 mod blackbody;
 mod edges;
 mod gather;
@@ -16,37 +17,34 @@ use bevy::pbr::{MeshPipeline, MeshPipelineSystems};
 use bevy::prelude::*;
 use bevy::render::diagnostic::RecordDiagnostics;
 use bevy::render::render_resource::{
-    BindGroup, Buffer, CachedPipelineState, ComputePassDescriptor, PipelineCache, Sampler,
-    SpecializedComputePipelines, TextureFormat, TextureView,
+    CachedPipelineState, ComputePassDescriptor, PipelineCache, SpecializedComputePipelines,
+    TextureFormat,
 };
-use bevy::render::renderer::{RenderContext, RenderDevice, RenderQueue, ViewQuery};
-use bevy::render::texture::{CachedTexture, TextureCache};
-use bevy::render::view::{ViewDepthTexture, ViewTarget};
+use bevy::render::renderer::{RenderContext, RenderDevice, ViewQuery};
+use bevy::render::texture::TextureCache;
+use bevy::render::view::ViewTarget;
 use bevy::render::{GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSystems};
 use bevy::shader::ShaderCacheError;
 
-use super::extract::{ExtractedMaterials, ExtractedRamps};
 use super::gpu::{
-    GROUP, MATERIALS_BINDING, MAX_GROUPS, PipelineFallback, RAMPS_BINDING, Shaders, load_shaders,
-    picture_texture, tiles,
+    GROUP, MAX_GROUPS, PipelineFallback, Shaders, load_shaders, picture_texture, tiles,
 };
-use super::light_cache::{LightCache, LightCacheView, fill_light_cache};
-use super::pool::{PoolBuffers, VdbTreePool};
-use super::scattered_light::{ScatteredLight, solve_scattered_light};
-use super::view::VdbSystems;
+use super::light_cache::{LightCacheView, fill_light_cache};
+use super::scattered_light::solve_scattered_light;
 use super::view::{
-    MaterialTable, Picture, PrepareViews, PreparedView, RampTexture, ViewKey, ViewPicture,
-    ViewState, VisibleVolumes, VolumeBuffer, add_picture_pass,
+    Picture, PrepareViews, PreparedView, VdbSystems, ViewKey, ViewPicture, ViewState,
+    VisibleVolumes, add_picture_pass,
 };
 use crate::quality::features::Features;
 use beams::BeamsPipeline;
+use bind::bind;
 use blackbody::BlackbodyColors;
 use edges::{FindEdges, bind_edges, prepare_edges, refine};
 use gather::gather_lamp_light;
 use lamp_light::{LampLightPipeline, LampLightView};
 use mesh_picture::MeshPictures;
 use pipeline::TracePipeline;
-use view::{BindGroups, Pipelines};
+use view::Pipelines;
 
 pub(super) use edges::{EdgesView, find_edges};
 pub(super) use lights::{
@@ -193,182 +191,6 @@ fn prepare(
         };
         let traced = Some(traced);
         *picture = ViewPicture { rays: traced.clone(), shown: traced.clone(), traced };
-    }
-}
-
-/// Creates the bind groups.
-fn bind(
-    mut views: Query<(
-        &ViewState,
-        &mut TraceView,
-        &ViewPicture,
-        &ViewDepthTexture,
-        (&LightCacheView, &EdgesView, Option<ViewLights>),
-    )>,
-    (pool, volumes): (Res<VdbTreePool>, Res<VolumeBuffer>),
-    all_lights: AllLights,
-    blackbody: Res<BlackbodyColors>,
-    (light_cache, scattered): (Res<LightCache>, Res<ScatteredLight>),
-    (mut ramps, all_ramps): (ResMut<RampTexture>, Res<ExtractedRamps>),
-    (mut materials, all_materials): (ResMut<MaterialTable>, Res<ExtractedMaterials>),
-    (trace, beams): (Res<TracePipeline>, Res<BeamsPipeline>),
-    cache: Res<PipelineCache>,
-    (device, queue): (Res<RenderDevice>, Res<RenderQueue>),
-) {
-    let (Some(pool), Some(volumes)) = (pool.buffers(), volumes.0.buffer()) else { return };
-    for (view, mut own, picture, depth, (cached, edges, view_lights)) in &mut views {
-        let ready = view.prepared().filter(|(prepared, _)| prepared.is_ready);
-        let (Some((prepared, uniform)), ViewPicture { traced: Some(picture), rays, .. }) =
-            (ready, picture)
-        else {
-            continue;
-        };
-        let maps = all_lights.mesh_maps();
-        let bind =
-            |features, view| all_lights.bind(features, &trace.lights, view, maps, &device, &cache);
-        let features = prepared.key.features;
-        let has_ramps = features.contains(Features::RAMPS);
-        let ramps = if has_ramps { ramps.get(&all_ramps, &device, &queue) } else { None };
-        if has_ramps && ramps.is_none() {
-            continue;
-        }
-        let has_materials = features.intersects(Features::OWN_MATERIALS);
-        let materials = has_materials.then(|| materials.get(&all_materials, &device, &queue));
-        let (Some(lights), Some(nothing)) =
-            (bind(features, view_lights.as_ref()), bind(Features::empty(), None))
-        else {
-            continue;
-        };
-        let tiles = own.tiles.as_ref();
-        let reflections = own.reflections.as_ref();
-        let inputs = Inputs { pool, uniform, volumes, depth, picture, reflections, tiles };
-        let table = blackbody.0.as_ref().filter(|_| prepared.key.has(Features::BLACKBODY));
-        if prepared.key.has(Features::BLACKBODY) && table.is_none() {
-            continue;
-        }
-        let caches_light = prepared.key.has(Features::LIGHT_CACHE);
-        let binding = |(depths, sampler)| {
-            let lamps =
-                cached.lamp_lattices().filter(|_| features.contains(Features::CACHED_LAMPS));
-            let lamp_light = own.lamp_light.as_ref().map(LampLightView::texture);
-            CacheBinding { depths, sampler, lamps, lamp_light }
-        };
-        let cached = light_cache.binding().filter(|_| caches_light).map(binding);
-        if caches_light && cached.is_none() {
-            continue;
-        }
-        let scatters = features.contains(Features::SCATTERED_LIGHT);
-        let scattered = scattered.binding().filter(|_| scatters);
-        if scatters && scattered.is_none() {
-            continue;
-        }
-        let layout = cache.get_bind_group_layout(&trace.layout(features));
-        let tables = (table, ramps, materials);
-        let edges = edges.list.as_ref();
-        let group = |color: &CachedTexture| {
-            let color = &color.default_view;
-            let light = (cached.as_ref(), scattered);
-            inputs.trace_group(&layout, color, tables, light, edges, &device)
-        };
-        let refined = rays.as_ref().filter(|_| features.contains(Features::DENOISED));
-        let refine = refined.filter(|_| edges.is_some()).map(|rays| group(&rays.color));
-        let group = group(&picture.color);
-        let layout =
-            cache.get_bind_group_layout(beams.layout(features, features.contains(Features::PAGES)));
-        let beams = inputs.beams_group(&layout, &device);
-        let lamps = features
-            .contains(Features::LAMP_LIGHT)
-            .then(|| bind(Features::LIGHT, view_lights.as_ref()))
-            .flatten();
-        own.bind_groups = Some(BindGroups { trace: group, refine, lights, beams, nothing, lamps });
-    }
-}
-
-/// The light cache, and where the lattices of lamps are.
-struct CacheBinding<'a> {
-    depths: &'a TextureView,
-    sampler: &'a Sampler,
-    lamps: Option<&'a TextureView>,
-    lamp_light: Option<&'a TextureView>,
-}
-
-/// The resources of the crate's own group.
-struct Inputs<'a> {
-    pool: &'a PoolBuffers,
-    uniform: &'a Buffer,
-    volumes: &'a Buffer,
-    depth: &'a ViewDepthTexture,
-    picture: &'a Picture,
-    reflections: Option<&'a CachedTexture>,
-    tiles: Option<&'a Buffer>,
-}
-
-impl Inputs<'_> {
-    fn trace_group(
-        &self,
-        layout: &bevy::render::render_resource::BindGroupLayout,
-        color: &TextureView,
-        (blackbody, ramps, materials): (
-            Option<&TextureView>,
-            Option<&TextureView>,
-            Option<&TextureView>,
-        ),
-        (cached, scattered): (Option<&CacheBinding>, Option<(&TextureView, &Sampler)>),
-        edges: Option<&Buffer>,
-        device: &RenderDevice,
-    ) -> BindGroup {
-        let mut entries = self.pool.scene_entries(self.uniform, self.volumes).extend_sequential((
-            self.depth.view(),
-            color,
-            &self.picture.depth.default_view,
-        ));
-        if let Some(tiles) = self.tiles {
-            entries = entries.extend_with_indices(((9, tiles.as_entire_binding()),));
-        }
-        if let Some(moving) = &self.picture.moving {
-            entries = entries.extend_with_indices(((10, &moving.default_view),));
-        }
-        if let Some(reflections) = self.reflections {
-            entries = entries.extend_with_indices(((19, &reflections.default_view),));
-        }
-        if let Some(table) = blackbody {
-            entries = entries.extend_with_indices(((11, table),));
-        }
-        if let Some(ramps) = ramps {
-            entries = entries.extend_with_indices(((RAMPS_BINDING, ramps),));
-        }
-        if let Some(materials) = materials {
-            entries = entries.extend_with_indices(((MATERIALS_BINDING, materials),));
-        }
-        if let Some(CacheBinding { depths, sampler, lamps, lamp_light }) = cached {
-            entries = entries.extend_with_indices(((12, *depths), (13, *sampler)));
-            if let Some(lamps) = lamps {
-                entries = entries.extend_with_indices(((14, *lamps),));
-            }
-            if let Some(lamp_light) = lamp_light {
-                entries = entries.extend_with_indices(((15, *lamp_light),));
-            }
-        }
-        if let Some((light, sampler)) = scattered {
-            entries = entries.extend_with_indices(((20, light), (21, sampler)));
-        }
-        if let Some(edges) = edges {
-            entries = entries.extend_with_indices(((17, edges.as_entire_binding()),));
-        }
-        device.create_bind_group("vdb_trace", layout, &entries)
-    }
-
-    fn beams_group(
-        &self,
-        layout: &bevy::render::render_resource::BindGroupLayout,
-        device: &RenderDevice,
-    ) -> Option<BindGroup> {
-        let tiles = self.tiles?;
-        let entries = self
-            .pool
-            .scene_entries(self.uniform, self.volumes)
-            .extend_with_indices(((6, self.depth.view()), (9, tiles.as_entire_binding())));
-        Some(device.create_bind_group("vdb_beams", layout, &entries))
     }
 }
 

@@ -7,8 +7,9 @@ use bevy::prelude::*;
 use bevy::render::sync_world::MainEntity;
 
 use super::auxiliary::{color_data, emission_data, world_from_index};
-use super::cached_fog::{CacheAccuracy, CachedFog, find_cached_fogs};
+use super::cached_fog::{CachedFog, find_cached_fogs};
 use super::eye::Eye;
+use super::fog_error::CacheAccuracy;
 use super::lattice::Lattice;
 use super::media::MediaSlots;
 use super::tiles::TileRange;

@@ -7,6 +7,7 @@ mod cached_fog;
 mod extinction;
 mod eye;
 mod fire_lights;
+mod fog_error;
 mod key;
 mod lattice;
 mod lights;

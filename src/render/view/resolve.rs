@@ -17,8 +17,8 @@ use bevy::render::view::{ExtractedView, Msaa, RenderVisibleEntities, RenderVisib
 use vdb_core::view::ViewRays;
 
 use super::bvh;
-use super::cached_fog::CacheAccuracy;
 use super::eye::Eye;
+use super::fog_error::CacheAccuracy;
 use super::key::ViewKey;
 use super::lights::{Lights, Surroundings};
 use super::list::{EntryMaker, ViewList};

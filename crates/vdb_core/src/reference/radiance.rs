@@ -42,7 +42,8 @@ pub struct Sun {
 /// (1 + g² - 2g·cos)^(3/2))`, with `g` between -1 and 1, exclusively.
 pub fn phase(anisotropy: f64, cosine: f64) -> f64 {
     let g = anisotropy;
-    (1.0 - g * g) / (4.0 * PI * (1.0 + g * g - 2.0 * g * cosine).powf(1.5))
+    let squared = 1.0 + g * g - 2.0 * g * cosine;
+    (1.0 - g * g) / (4.0 * PI * squared * squared.sqrt())
 }
 
 /// The light that arrives at the origin of a ray.
