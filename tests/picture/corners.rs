@@ -77,7 +77,7 @@ fn surfaces_are_whole_from_beyond_each_corner() {
 fn fogs_are_whole_from_beyond_each_corner() {
     for fogs in [1_u8, 2] {
         let (mut stage, own, target) = scene();
-        stage.world().entity_mut(own[0]).insert(VdbQuality::BALANCED);
+        stage.world().entity_mut(own[0]).insert(VdbQuality::HIGH);
         let density_scale = 2.0 / f32::from(fogs);
         for _ in 0..fogs {
             let grid = stage.grid(fog::sphere(DVec3::ZERO, RADIUS, 5.0), PackKind::Fog, 0.1);

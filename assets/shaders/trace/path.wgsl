@@ -20,6 +20,9 @@
 #endif
 #ifdef VDB_FOGS
 #import bevy_vdb::trace::fogs::trace_fogs
+#ifdef VDB_LIT
+#import bevy_vdb::trace::fog_march::Fog
+#endif
 #endif
 #ifdef VDB_LIT
 #ifdef DISTANCE_FOG
@@ -150,6 +153,49 @@ fn with_distance_fog(
 }
 #endif
 
+#ifdef VDB_FOGS
+// Adds the fogs before the first surface to what a view ray sees, except for their radiance.
+fn see_fog(result: ptr<function, PathResult>, fog: Fog, transmittance: f32) -> FogLayer {
+#ifdef VDB_EMITS
+    let is_seen = fog.optical_depth > 0.0 || any(fog.radiance > vec3(0.0));
+#else
+    let is_seen = fog.optical_depth > 0.0;
+#endif
+    if !is_seen {
+        return FogLayer(vec3(0.0), 0.0, 0.0);
+    }
+    (*result).coverage = 1.0 - transmittance * (1.0 - (*result).coverage);
+    let fog_depth = encoded_fog_depth(depth_of_t(fog.t_first));
+    (*result).depth = select(fog_depth, (*result).depth, is_surface_depth((*result).depth));
+    // A pixel moves with the volume that contributes most of its light.
+    if transmittance < 0.5 {
+        (*result).motion_volume = fog.motion_volume;
+        (*result).motion_depth = depth_of_t(fog.t_mean);
+    }
+    return FogLayer(fog.radiance, 1.0 - transmittance, fog.t_mean);
+}
+#endif
+
+#ifdef VDB_DENOISE
+// The reflection of a path that ends with the luminance `color`, of which `rest` comes from far away.
+fn ended_reflection(
+    path: PathReflection,
+    color: vec3<f32>,
+    rest: vec3<f32>,
+    primary: Segment,
+    t: f32,
+) -> Reflection {
+    var reflection = path;
+    if any(path.own.reflectance > vec3(0.0)) {
+        add_reflected(&reflection, max(rest, vec3(0.0)), FARTHEST);
+        let reflected = view.exposure * (color - path.direct);
+        reflection.own.radiance = finite(reflected / max(path.own.reflectance, vec3(1e-30)));
+        reflection.own.sharpness = 1.0 / max(final_blur(reflection, primary, t), 1e-30);
+    }
+    return reflection.own;
+}
+#endif
+
 // Radiance along a view ray and its reflections. `ray` tells apart the rays of a pixel, which have random numbers of
 // their own.
 fn trace_path(primary: Segment, pixel: vec2<u32>, ray: u32, t_end: f32) -> PathResult {
@@ -189,21 +235,8 @@ fn trace_path(primary: Segment, pixel: vec2<u32>, ray: u32, t_end: f32) -> PathR
 #endif
         throughput *= transmittance;
         miss_radiance *= transmittance;
-#ifdef VDB_EMITS
-        let is_seen = fog.optical_depth > 0.0 || any(fog.radiance > vec3(0.0));
-#else
-        let is_seen = fog.optical_depth > 0.0;
-#endif
-        if is_seen && bounce == 0u {
-            result.coverage = 1.0 - transmittance * (1.0 - result.coverage);
-            let fog_depth = encoded_fog_depth(depth_of_t(fog.t_first));
-            result.depth = select(fog_depth, result.depth, is_surface_depth(result.depth));
-            fog_layer = FogLayer(fog.radiance, 1.0 - transmittance, fog.t_mean);
-            // A pixel moves with the volume that contributes most of its light.
-            if transmittance < 0.5 {
-                result.motion_volume = fog.motion_volume;
-                result.motion_depth = depth_of_t(fog.t_mean);
-            }
+        if bounce == 0u {
+            fog_layer = see_fog(&result, fog, transmittance);
         }
 #endif
         if !surface.found {
@@ -253,15 +286,8 @@ fn trace_path(primary: Segment, pixel: vec2<u32>, ray: u32, t_end: f32) -> PathR
         break;
     }
 #ifdef VDB_DENOISE
-    let reflectance = reflection.own.reflectance;
-    result.reflection = reflection.own;
-    if any(reflectance > vec3(0.0)) {
-        // The rest, such as the environment map's, comes from far away.
-        add_reflected(&reflection, max(miss_radiance, vec3(0.0)), FARTHEST);
-        let reflected = view.exposure * (result.color - reflection.direct);
-        result.reflection.radiance = finite(reflected / max(reflectance, vec3(1e-30)));
-        result.reflection.sharpness = 1.0 / max(final_blur(reflection, primary, first_surface.t), 1e-30);
-    }
+    // What remains, such as an environment map's light, comes from far away.
+    result.reflection = ended_reflection(reflection, result.color, miss_radiance, primary, first_surface.t);
 #endif
     result.color *= view.exposure;
 #ifdef DISTANCE_FOG
@@ -269,14 +295,10 @@ fn trace_path(primary: Segment, pixel: vec2<u32>, ray: u32, t_end: f32) -> PathR
     let surface_color = result.color - fog_color;
     result.color = with_distance_fog(fog_color, fog_layer.coverage, primary, fog_layer.t, pixel);
     if first_surface.found {
-        result.color += with_distance_fog(
-            surface_color,
-            result.coverage - fog_layer.coverage,
-            primary,
-            first_surface.t,
-            pixel,
-        );
+        let coverage = result.coverage - fog_layer.coverage;
+        result.color += with_distance_fog(surface_color, coverage, primary, first_surface.t, pixel);
 #ifdef VDB_DENOISE
+        let reflectance = reflection.own.reflectance;
         result.reflection.reflectance = with_distance_fog(reflectance, 0.0, primary, first_surface.t, pixel);
 #endif
     }

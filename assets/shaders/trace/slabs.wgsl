@@ -20,8 +20,8 @@
 #import bevy_vdb::view::scene::frame_random
 #import bevy_vdb::trace::color::albedo_along
 #import bevy_vdb::trace::fog_march::{in_scattered_at, light_around}
-#import bevy_vdb::trace::lights::environment_light
-#import bevy_vdb::trace::scattering::{InScattered, ScatteringSums, add_environment}
+#import bevy_vdb::trace::lights::{EnvironmentLight, environment_light}
+#import bevy_vdb::trace::scattering::{InScattered, ScatteringSums, Visible, add_environment}
 #import bevy_vdb::trace::scattering::{all_visible, pass_stretch, scattered_radiance}
 #ifdef VDB_SCATTERED
 #import bevy_vdb::trace::scattering::{Tint, add_tints, forward_depth, tint}
@@ -34,18 +34,11 @@
 #endif
 #endif
 
-// Optical depth of one fog over an interval of a segment. Nothing stops the ray before `start`.
-fn fog_depth(
-    segment: Segment,
-    volume: u32,
-    start: f32,
-    t_min: f32,
-    t_max: f32,
-    is_whole: bool,
-) -> f32 {
+// Optical depth of one fog over a slab.
+fn fog_depth(segment: Segment, volume: u32, slab: Slab) -> f32 {
     let scale = volumes[volume].density_scale * length(segment.dir);
-    var ray = lattice_ray(segment, volume, t_max);
-    ray.t_min = max(ray.t_min, t_min);
+    var ray = lattice_ray(segment, volume, slab.t_high);
+    ray.t_min = max(ray.t_min, slab.t_low);
     let grid = fog_grid(volume);
     let mirrored = mirrored_ray(grid, ray);
     let safe_scale = max(scale, 1e-30);
@@ -54,19 +47,19 @@ fn fog_depth(
     var density_integral = 0.0;
     let step = volumes[volume].fog_step;
 #ifdef VDB_RAMPS
-    let is_sampled = is_whole && step > 0.0 && volumes[volume].ramp == 0u;
+    let is_sampled = slab.is_whole && step > 0.0 && volumes[volume].ramp == 0u;
 #else
-    let is_sampled = is_whole && step > 0.0;
+    let is_sampled = slab.is_whole && step > 0.0;
 #endif
     if is_sampled {
-        density_integral = stepped_length(grid, mirrored, start, OPAQUE_DEPTH / safe_scale, step, scale);
+        density_integral = stepped_length(grid, mirrored, slab.start, OPAQUE_DEPTH / safe_scale, step, scale);
     } else {
         density_integral =
-            optical_length(grid, mirrored, enter_at(mirrored, start), OPAQUE_DEPTH / safe_scale);
+            optical_length(grid, mirrored, enter_at(mirrored, slab.start), OPAQUE_DEPTH / safe_scale);
     }
 #else
     let density_integral =
-        optical_length(grid, mirrored, enter_at(mirrored, start), OPAQUE_DEPTH / safe_scale);
+        optical_length(grid, mirrored, enter_at(mirrored, slab.start), OPAQUE_DEPTH / safe_scale);
 #endif
     // At most 100. The limit is applied before the product, which might overflow.
     return scale * min(density_integral, 100.0 / safe_scale);
@@ -91,13 +84,114 @@ struct Met {
     t_last: f32,        // where the last one ends
 }
 
+// A part of a segment within which fogs are assumed to be evenly mixed and evenly lit.
+struct Slab {
+    start: f32,         // there is nothing before this t
+    t_low: f32,
+    t_high: f32,
+    is_whole: bool,     // whether it is all of a single medium
+}
+
+// Sums over the media of a slab.
+struct SlabSums {
+    depth: f32,
+    thickest: u32,              // the fog with the largest optical depth, and that depth
+    thickest_depth: f32,
+#ifdef VDB_EMITS
+    emission: vec3<f32>,
+#endif
+#ifdef VDB_LIT
+    source: vec3<f32>,          // weighted by optical depth, as all sums of light
+    light: InScattered,
+    lit: u32,                   // the fog whose light it is
+    from_lights: InScattered,
+    around: ScatteringSums,
+#ifdef VDB_SCATTERED
+    forward: Tint,
+#endif
+#endif
+}
+
+fn slab_at(segment: Segment, pixel: vec2<u32>, met: Met, index: u32, count: u32, t_max: f32) -> Slab {
+    if met.count == 1u {
+        return Slab(start_t(segment, met.last, pixel), segment.t_min, t_max, true);
+    }
+    let t_low = mix(met.t_first, met.t_last, f32(index) / f32(count));
+    let t_high = mix(met.t_first, met.t_last, f32(index + 1u) / f32(count));
+    return Slab(t_low, t_low, t_high, false);
+}
+
+#ifdef VDB_LIT
+// Adds a fog to the sums of a slab. `passed` is what the slabs before it let through.
+fn add_fog(
+    sums: ptr<function, SlabSums>,
+    segment: Segment,
+    pixel: vec2<u32>,
+    volume: u32,
+    slab: Slab,
+    passed: Visible,
+    environment: EnvironmentLight,
+) {
+    var depth = 0.0;
+    var ramp_albedo = vec3(1.0);
+#ifdef VDB_RAMPS
+    if volumes[volume].ramp != 0u {
+        let own = ramp_between(segment, volume, slab.start, slab.t_low, slab.t_high);
+        depth = min(own.optical_depth, 100.0);
+        ramp_albedo = visible_albedo(own);
+        // What leaves the fog alone; it is then evenly mixed with the others.
+        (*sums).emission += own.emitted / mean_transmittance(depth);
+    } else {
+        depth = fog_depth(segment, volume, slab);
+    }
+#else
+    depth = fog_depth(segment, volume, slab);
+#endif
+    if depth > 0.0 {
+        add_depth(sums, volume, depth);
+        let t_middle = 0.5 * (slab.t_low + slab.t_high);
+        let albedo = ramp_albedo * albedo_along(segment, t_middle, volume);
+        let anisotropy = volumes[volume].anisotropy;
+        // Fogs that scatter alike share their rays to the lights.
+        if (*sums).lit == NONE || !scatter_alike(volume, (*sums).lit) {
+            let jitter = fract(0.5 + frame_random(0.41421356)) - 0.5;
+            let width = slab.t_high - slab.t_low;
+            (*sums).light =
+                in_scattered_at(segment, pixel, t_middle + jitter * width, width, volume, albedo, passed);
+            (*sums).lit = volume;
+        }
+        (*sums).source += depth * volumes[volume].emissive;
+        (*sums).from_lights.whole += depth * albedo * (*sums).light.whole;
+#ifdef VDB_SCATTERED
+        (*sums).from_lights.rest += depth * albedo * (*sums).light.rest;
+        (*sums).forward = add_tints((*sums).forward, forward_depth(depth, tint(albedo), anisotropy));
+#endif
+        var around = (*sums).around;
+        add_environment(&around, depth, albedo, light_around(environment, anisotropy), anisotropy);
+        (*sums).around = around;
+    }
+}
+#else
+fn add_fog(sums: ptr<function, SlabSums>, segment: Segment, volume: u32, slab: Slab) {
+    let depth = fog_depth(segment, volume, slab);
+    if depth > 0.0 {
+        add_depth(sums, volume, depth);
+    }
+}
+#endif
+
+fn add_depth(sums: ptr<function, SlabSums>, volume: u32, depth: f32) {
+    (*sums).thickest = select((*sums).thickest, volume, depth > (*sums).thickest_depth);
+    (*sums).thickest_depth = max((*sums).thickest_depth, depth);
+    (*sums).depth += depth;
+}
+
 // Radiance and optical depth of all media up to `t_max`. A homogeneous fog with source S and optical depth τ
 // emits exactly S·(1 - e^-τ). Where the lighting varies, the segment is divided into intervals; where
 // several fogs overlap, into slabs. Emission E within a slab is assumed to be evenly mixed with its fogs:
 // E·(1 - e^-τ)/τ of it leaves the slab.
 fn trace_slabs(segment: Segment, pixel: vec2<u32>, met: Met, t_max: f32) -> Fog {
     let is_whole = met.count == 1u;
-    let first = met.first;
     let end = volume_end(segment);
     var fog = Fog(vec3(0.0), 0.0, met.t_first, met.t_first, NONE);
 #ifndef VDB_EVEN_LIGHT
@@ -112,7 +206,6 @@ fn trace_slabs(segment: Segment, pixel: vec2<u32>, met: Met, t_max: f32) -> Fog 
     }
 #endif
 #endif
-    // Within one slab, fogs are assumed to be evenly mixed and evenly lit.
     let shared_slabs = select(max(view.slabs / REFLECTED_STEP_FACTOR, 1u), view.slabs, segment.is_view);
     let slabs = select(shared_slabs, 1u, is_whole);
 #ifdef VDB_LIT
@@ -126,116 +219,49 @@ fn trace_slabs(segment: Segment, pixel: vec2<u32>, met: Met, t_max: f32) -> Fog 
     var t_radiance_sum = 0.0;
 #endif
     var largest_weight = 0.0;
-    for (var slab = 0u; slab < slabs && fog.optical_depth <= OPAQUE_DEPTH; slab++) {
-        var t_low = mix(met.t_first, met.t_last, f32(slab) / f32(slabs));
-        var t_high = mix(met.t_first, met.t_last, f32(slab + 1u) / f32(slabs));
-        var start = t_low;
-        if is_whole {
-            t_low = segment.t_min;
-            t_high = t_max;
-            start = start_t(segment, met.last, pixel);
-        }
-        var depth = 0.0;
-        var thickest = NONE;
-        var thickest_depth = 0.0;
-        var source = vec3(0.0);
+    for (var index = 0u; index < slabs && fog.optical_depth <= OPAQUE_DEPTH; index++) {
+        let slab = slab_at(segment, pixel, met, index, slabs, t_max);
+        var own = SlabSums();
+        own.thickest = NONE;
 #ifdef VDB_LIT
-        var light = InScattered();
-        var lit = NONE;             // the fog whose light it is
-        // Sums over the fogs of the slab, weighted by their optical depths.
-        var from_lights = InScattered();
-        var around = ScatteringSums();
-#ifdef VDB_SCATTERED
-        var forward = Tint();
+        own.lit = NONE;
 #endif
-#endif
-#ifdef VDB_EMITS
-        var emission = vec3(0.0);
-#endif
-        for (var i = first; i < end; i = next_candidate(segment, pixel, i + 1u, t_max)) {
+        for (var i = met.first; i < end; i = next_candidate(segment, pixel, i + 1u, t_max)) {
+            let is_met = !is_whole || i == met.last;
 #ifdef VDB_EMISSION
-            if is_emitter(i) && (!is_whole || i == met.last) {
-                emission += segment_emission(segment, i, start, t_low, t_high);
+            if is_met && is_emitter(i) {
+                own.emission += segment_emission(segment, i, slab.start, slab.t_low, slab.t_high);
             }
 #endif
-            if volumes[i].kind == KIND_FOG && (!is_whole || i == met.last) {
-                var volume_depth = 0.0;
-                var ramp_albedo = vec3(1.0);
-#ifdef VDB_RAMPS
+            if is_met && volumes[i].kind == KIND_FOG {
 #ifdef VDB_LIT
-                if volumes[i].ramp != 0u {
-                    let own = ramp_between(segment, i, start, t_low, t_high);
-                    volume_depth = min(own.optical_depth, 100.0);
-                    ramp_albedo = visible_albedo(own);
-                    // What leaves the fog alone; below, it is evenly mixed with the others.
-                    emission += own.emitted / mean_transmittance(volume_depth);
-                } else {
-                    volume_depth = fog_depth(segment, i, start, t_low, t_high, is_whole);
-                }
+                add_fog(&own, segment, pixel, i, slab, passed, environment);
 #else
-                volume_depth = fog_depth(segment, i, start, t_low, t_high, is_whole);
+                add_fog(&own, segment, i, slab);
 #endif
-#else
-                volume_depth = fog_depth(segment, i, start, t_low, t_high, is_whole);
-#endif
-                if volume_depth > 0.0 {
-                    thickest = select(thickest, i, volume_depth > thickest_depth);
-                    thickest_depth = max(thickest_depth, volume_depth);
-                    depth += volume_depth;
-#ifdef VDB_LIT
-                    let t_middle = 0.5 * (t_low + t_high);
-                    let albedo = ramp_albedo * albedo_along(segment, t_middle, i);
-                    let anisotropy = volumes[i].anisotropy;
-                    // Fogs that scatter alike share their rays to the lights.
-                    if lit == NONE || !scatter_alike(i, lit) {
-                        let jitter = fract(0.5 + frame_random(0.41421356)) - 0.5;
-                        let width = t_high - t_low;
-                        light = in_scattered_at(segment, pixel, t_middle + jitter * width, width, i, albedo, passed);
-                        lit = i;
-                    }
-                    source += volume_depth * volumes[i].emissive;
-                    from_lights.whole += volume_depth * albedo * light.whole;
-#ifdef VDB_SCATTERED
-                    from_lights.rest += volume_depth * albedo * light.rest;
-                    forward = add_tints(forward, forward_depth(volume_depth, tint(albedo), anisotropy));
-#endif
-                    add_environment(&around, volume_depth, albedo, light_around(environment, anisotropy), anisotropy);
-#endif
-                }
             }
         }
+        let t_middle = 0.5 * (slab.t_low + slab.t_high);
 #ifdef VDB_EMITS
         let radiance_before = fog.radiance;
-        fog.radiance += exp(-fog.optical_depth) * mean_transmittance(depth) * emission;
+        fog.radiance += exp(-fog.optical_depth) * mean_transmittance(own.depth) * own.emission;
 #endif
-        if depth > 0.0 {
+        if own.depth > 0.0 {
             let transmittance = exp(-fog.optical_depth);
-            let weight = transmittance * (1.0 - exp(-depth));
-            fog.radiance += weight * (source / max(depth, 1e-30));
+            let weight = transmittance * (1.0 - exp(-own.depth));
 #ifdef VDB_LIT
-#ifdef VDB_SCATTERED
-            let visible = pass_stretch(&passed, depth, forward);
-            sums.radiance += visible.rest.value * from_lights.rest;
-#else
-            let visible = pass_stretch(&passed, depth);
+            fog.radiance += weight * (own.source / max(own.depth, 1e-30));
+            add_slab(&sums, &passed, own);
 #endif
-            sums.radiance += visible.whole * (from_lights.whole + around.radiance);
-#ifdef VDB_MULTIPLE_SCATTERING
-            sums.environment += visible.whole * around.environment;
-            sums.albedo += visible.whole * around.albedo;
-            sums.anisotropy += visible.whole * around.anisotropy;
-            sums.weight += visible.whole * around.weight;
-#endif
-#endif
-            t_sum += weight * 0.5 * (t_low + t_high);
-            fog.motion_volume = select(fog.motion_volume, thickest, weight > largest_weight);
+            t_sum += weight * t_middle;
+            fog.motion_volume = select(fog.motion_volume, own.thickest, weight > largest_weight);
             largest_weight = max(largest_weight, weight);
-            fog.optical_depth += depth;
+            fog.optical_depth += own.depth;
         }
 #ifdef VDB_EMITS
         let added = dot(fog.radiance - radiance_before, vec3(1.0));
         radiance_sum += added;
-        t_radiance_sum += added * 0.5 * (max(t_low, met.t_first) + min(t_high, met.t_last));
+        t_radiance_sum += added * 0.5 * (max(slab.t_low, met.t_first) + min(slab.t_high, met.t_last));
 #endif
     }
 #ifdef VDB_LIT
@@ -248,3 +274,22 @@ fn trace_slabs(segment: Segment, pixel: vec2<u32>, met: Met, t_max: f32) -> Fog 
 #endif
     return fog;
 }
+
+#ifdef VDB_LIT
+// Adds what is visible of the light of a slab.
+fn add_slab(sums: ptr<function, ScatteringSums>, passed: ptr<function, Visible>, slab: SlabSums) {
+#ifdef VDB_SCATTERED
+    let visible = pass_stretch(passed, slab.depth, slab.forward);
+    (*sums).radiance += visible.rest.value * slab.from_lights.rest;
+#else
+    let visible = pass_stretch(passed, slab.depth);
+#endif
+    (*sums).radiance += visible.whole * (slab.from_lights.whole + slab.around.radiance);
+#ifdef VDB_MULTIPLE_SCATTERING
+    (*sums).environment += visible.whole * slab.around.environment;
+    (*sums).albedo += visible.whole * slab.around.albedo;
+    (*sums).anisotropy += visible.whole * slab.around.anisotropy;
+    (*sums).weight += visible.whole * slab.around.weight;
+#endif
+}
+#endif
