@@ -106,6 +106,10 @@ fn of_view(
     buffers.add("vdb_view", uniform, "the camera");
     buffers.add_some("vdb_placement", &composite.placement, "the viewport");
     buffers.add_on_meshes(&on_meshes);
+    if let Some(traced) = &picture.traced {
+        buffers.push("vdb_color", bytes(&traced.color), "the colours of the traced image");
+        buffers.push("vdb_depth", bytes(&traced.depth), "the depths of the traced image");
+    }
     buffers.add_light(prepared, light, trace, light_cache, scattered);
     if prepared.key.has(Features::RAMPS) {
         buffers.push("vdb_ramps", ramps.table.bytes(), "fogs have a VdbRamp");
@@ -252,10 +256,6 @@ impl Buffers {
     }
 
     fn add_trace(&mut self, picture: &ViewPicture, trace: &TraceView, edges: &EdgesView) {
-        if let Some(traced) = &picture.traced {
-            self.push("vdb_color", bytes(&traced.color), "the colours of the traced image");
-            self.push("vdb_depth", bytes(&traced.depth), "the depths of the traced image");
-        }
         self.add_some("vdb_tiles", &trace.tiles, "the rays of a tile share a start");
         self.add_some("vdb_edge_pixels", &edges.list, EDGES);
         if let Some(moving) = picture.traced.as_ref().and_then(|traced| traced.moving.as_ref()) {
