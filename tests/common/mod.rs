@@ -37,7 +37,7 @@ use vdb_core::tree::Vdb543;
 #[allow(unused_imports, reason = "each test program uses a part of it")]
 pub use adapter::has_gpu;
 
-/// The app, and a place where pictures arrive.
+/// An app that draws into images.
 pub struct Stage {
     pub app: App,
 }

@@ -100,10 +100,8 @@ impl Scene {
         self.stage.update(8);
         let targets = self.targets.clone();
         let pictures = targets.map(|target| self.stage.picture(&target));
-        // Bevy keeps the buffers that pictures come back in for ten frames, and would use them with another
-        // GPU (bevy_render 0.19.1, gpu_readback.rs).
         self.stage.world().entity_mut(far).insert(few(4));
-        self.stage.update(12);
+        self.stage.update(6);
         pictures
     }
 

@@ -9,7 +9,7 @@ use super::flip::flip;
 use super::light_cache::{BY_RAYS, Cloud};
 use super::looking;
 
-const FRAMES: usize = 4;
+const FRAMES: usize = 6;
 
 /// FLIP between two pictures, in the mean over pixels that show something, if this radiance is white.
 fn difference(a: &Picture, b: &Picture, white: f32) -> f64 {

@@ -61,11 +61,10 @@ struct SegmentSums {
 #endif
 }
 
-// Where the next interval ends. Every t is relative to where the march begins.
-struct Flush {
-    t: f32,
-    t_interval: f32,                // the longest interval where the view is not attenuated
-    is_near_lamps: bool,            // whether the last interval was
+// Where an interval begins and ends. Every t is relative to where the march begins.
+struct IntervalBounds {
+    t_end: f32,
+    t_longest: f32,                 // the length of intervals where nothing attenuates the view ray and no lamp is near
 #ifdef VDB_LAMP_LIGHT
     t_begin: f32,
     near: vec2<f32>,                // see `near_lamps`
@@ -99,55 +98,51 @@ fn interval_voxels(segment: Segment, volume: u32) -> f32 {
     return voxels;
 }
 
-// Starts short, because a lamp may be near.
-fn begin_intervals(
+// The first interval is short, because a lamp may be near.
+fn first_bounds(
     segment: Segment,
     fogs: ptr<function, array<Medium, MAX_FOGS>>,
     fog_count: u32,
     t_zero: f32,
     t_begin: f32,
-) -> Flush {
-    var flush = Flush();
-    flush.is_near_lamps = true;
-    flush.t_interval = FAR;
+) -> IntervalBounds {
+    var bounds = IntervalBounds();
+    bounds.t_longest = FAR;
     if HAS_INTERVALS {
         for (var i = 0u; i < fog_count; i++) {
             let voxels = interval_voxels(segment, (*fogs)[i].volume);
-            flush.t_interval = min(flush.t_interval, step_of_voxels((*fogs)[i], voxels));
+            bounds.t_longest = min(bounds.t_longest, step_of_voxels((*fogs)[i], voxels));
         }
     }
-    flush.t = next_multiple(t_zero + t_begin, 0.25 * flush.t_interval) - t_zero;
 #ifdef VDB_LAMP_LIGHT
-    flush.t_begin = t_begin;
-    flush.near = near_lamps(segment, fogs, fog_count, t_zero);
-    flush.t = flush_near_lamps(flush.t, t_begin, flush.near);
+    bounds.near = near_lamps(segment, fogs, fog_count, t_zero);
 #endif
-    return flush;
+    return next_bounds(bounds, 0.25 * bounds.t_longest, t_zero, t_begin, t_begin);
 }
 
-// An interval ends at `t_end`.
-fn ended(flush: Flush, t_end: f32) -> Flush {
-    var own = flush;
+// The interval that begins at `t_begin`, with nothing before `t_near`. It ends at a multiple of `t_length`, so that
+// neighbouring rays evaluate light at the same time.
+fn next_bounds(bounds: IntervalBounds, t_length: f32, t_zero: f32, t_begin: f32, t_near: f32) -> IntervalBounds {
+    var next = bounds;
+    next.t_end = next_multiple(t_zero + max(t_begin, t_near), t_length) - t_zero;
 #ifdef VDB_LAMP_LIGHT
-    own.is_near_lamps = flush.near.x < t_end && flush.near.y > flush.t_begin;
-    own.t_begin = t_end;
+    next.t_begin = t_begin;
+    next.t_end = end_near_lamps(next.t_end, t_begin, bounds.near);
 #endif
-    return own;
+    return next;
 }
 
-// The next interval begins at `t_begin`, or where there is something again, and may be this part of the longest one. It
-// ends at a multiple of a length, so that neighbouring rays evaluate light at the same time.
-fn next_flush(flush: Flush, part: f32, t_zero: f32, t_begin: f32, t_near: f32) -> Flush {
-    var own = flush;
-    let t_part = flush.t_interval * exp2(floor(log2(part)));
-    own.t = next_multiple(t_zero + max(t_begin, t_near), t_part) - t_zero;
+// Whether some of the lamps' light has to be evaluated for an interval that ends at `t_end`.
+fn was_near_lamps(bounds: IntervalBounds, t_end: f32) -> bool {
 #ifdef VDB_LAMP_LIGHT
-    own.t = flush_near_lamps(own.t, t_begin, flush.near);
+    return bounds.near.x < t_end && bounds.near.y > bounds.t_begin;
+#else
+    return true;
 #endif
-    return own;
 }
 
 #ifdef VDB_EMITS
+// Adds radiance that media emit at a t.
 fn add_emitted(sums: ptr<function, SegmentSums>, emitted: vec3<f32>, t: f32) {
     let weight = dot(emitted, vec3(1.0));
     (*sums).emitted += emitted;
@@ -245,7 +240,7 @@ fn near_lamps(
 }
 
 // Where the next interval ends, given where it would end if lamps were near everywhere, and where it begins.
-fn flush_near_lamps(t_flush: f32, t_begin: f32, near: vec2<f32>) -> f32 {
-    return select(max(t_flush, near.x), FAR, t_begin >= near.y);
+fn end_near_lamps(t_end: f32, t_begin: f32, near: vec2<f32>) -> f32 {
+    return select(max(t_end, near.x), FAR, t_begin >= near.y);
 }
 #endif

@@ -13,9 +13,9 @@
 #endif
 #import bevy_vdb::trace::fog_march::{Fog, light_around}
 #import bevy_vdb::trace::intervals::{HAS_INTERVALS, IntervalSums, LAMP_INTERVAL, MIN_INTERVAL, SegmentSums}
-#import bevy_vdb::trace::intervals::{add_interval, begin_intervals, ended, next_flush}
+#import bevy_vdb::trace::intervals::{add_interval, first_bounds, next_bounds, was_near_lamps}
 #import bevy_vdb::trace::media_step::{FogStep, FogTraits, add_for_others, add_suns, fog_step, fog_traits, step_albedo}
-#import bevy_vdb::trace::medium::{HAS_MANY_MEDIA, MAX_FOGS, Medium, MetMedia, first_step}
+#import bevy_vdb::trace::medium::{HAS_MANY_MEDIA, MAX_FOGS, Medium, MetMedia}
 #import bevy_vdb::trace::scattering::{OPAQUE_DEPTH, Tint, Visible, add_environment, all_visible, pass_stretch}
 #import bevy_vdb::trace::scattering::scattered_radiance
 #ifdef VDB_SCATTERED
@@ -25,7 +25,7 @@
 #endif
 #import bevy_vdb::trace::segment::{NONE, Segment}
 #import bevy_vdb::trace::shared_light::{HAS_OTHER_LIGHTS, SharedLight, SunPhases, begin_light, sun_phases}
-#import bevy_vdb::trace::span::{Span, Step, begin_fogs, longest_fog_step, meet_fogs, new_span, step_at}
+#import bevy_vdb::trace::span::{Span, Step, begin_fogs, first_step, longest_fog_step, meet_fogs, new_span, step_to}
 #import bevy_vdb::traversal::fog::{next_index, stride_at}
 #import bevy_vdb::traversal::hdda::FAR
 #import bevy_vdb::traversal::tree::{Accessor, empty_accessor}
@@ -97,23 +97,23 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_max: f32) ->
     var passed = all_visible();
     var sums = SegmentSums();
     var interval = IntervalSums();
-    var flush = begin_intervals(segment, &fogs, fog_count, span.t_zero, t_near);
+    var bounds = first_bounds(segment, &fogs, fog_count, span.t_zero, t_near);
     var steps = array<FogStep, MAX_FOGS>();
-    var k = first_step(min(t_near, span.t_end) * span.inverse_base);
+    var k = first_step(span, t_near);
     var is_done = t_near >= span.t_end;
     // Ends by its condition only: llvmpipe drops invocations of a group whose neighbours leave nested loops
     // by `break` or `continue`.
     while !is_done {
+        let t_low = max(k * span.t_base, span.t_start);
         var stride = stride_at(fog.optical_depth);
         if HAS_MANY_MEDIA {
-            let t_low = max(k * span.t_base, span.t_start);
             var t_step = longest_fog_step(&fogs, fog_count, span, t_low);
 #ifdef VDB_EMISSION
             t_step = min(t_step, longest_emission_step(&emitters, emitter_count, span, t_low));
 #endif
             stride *= max(t_step * span.inverse_base, 1.0);
         }
-        let step = step_at(span, k, stride);
+        let step = step_to(span, t_low, k + stride);
         var found = sample_fogs(&fogs, fog_count, &steps, &state, segment, span.t_zero, step);
         let depth = found.extinction * step.width;
 #ifdef VDB_SCATTERED
@@ -127,7 +127,7 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_max: f32) ->
         add_emitters(&emitters, emitter_count, &accessors, step, visible_width * state.dir_length, &found, &sums);
 #endif
         t_near = found.t_near;
-        let k_near = max(k + 1.0, first_step(min(t_near, span.t_end) * span.inverse_base));
+        let k_near = max(k + 1.0, first_step(span, t_near));
         k = next_index(k, select(k + stride, k_near, found.is_empty));
         let weight = found.extinction * visible_width;
         interval.width += select(0.0, step.width, weight > 0.0);
@@ -136,16 +136,18 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_max: f32) ->
         fog.optical_depth += depth;
         is_done = k * span.t_base >= span.t_end || t_near >= span.t_end || fog.optical_depth > OPAQUE_DEPTH;
         // The only call: compilers inline it, with rays to all lights.
-        if HAS_INTERVALS && (step.t_high >= flush.t || is_done) && interval.weight > 0.0 {
-            flush = ended(flush, step.t_high);
-            add_interval(segment, pixel, &fogs, fog_count, span.t_zero, t_max, &shared_light, &interval, flush.is_near_lamps, &sums);
-            let longest = LAMP_INTERVAL * shared_light.nearest / (state.dir_length * flush.t_interval);
+        if HAS_INTERVALS && (step.t_high >= bounds.t_end || is_done) && interval.weight > 0.0 {
+            let is_near = was_near_lamps(bounds, step.t_high);
+            add_interval(segment, pixel, &fogs, fog_count, span.t_zero, t_max, &shared_light, &interval, is_near, &sums);
+            // Becomes longer like the steps.
+            let longest = LAMP_INTERVAL * shared_light.nearest / (state.dir_length * bounds.t_longest);
             let part = max(min(stride_at(fog.optical_depth), longest), MIN_INTERVAL);
-            flush = next_flush(flush, part, span.t_zero, step.t_high, t_near);
+            let t_length = bounds.t_longest * exp2(floor(log2(part)));
+            bounds = next_bounds(bounds, t_length, span.t_zero, step.t_high, t_near);
         }
     }
     if !HAS_INTERVALS && interval.weight > 0.0 {
-        add_interval(segment, pixel, &fogs, fog_count, span.t_zero, t_max, &shared_light, &interval, flush.is_near_lamps, &sums);
+        add_interval(segment, pixel, &fogs, fog_count, span.t_zero, t_max, &shared_light, &interval, true, &sums);
     }
     finish(&fog, &fogs, fog_count, shared_light, span.t_zero, sums);
     return fog;

@@ -103,27 +103,3 @@ fn step_of_voxels(medium: Medium, voxels: f32) -> f32 {
 fn fog_step_voxels(volume: u32) -> f32 {
     return max(volumes[volume].fog_step, MIN_STEP);
 }
-
-// How long a step from `t_low` may be for a medium: `t_longest` where it is, longer if it begins after the step, FAR if
-// nothing of it is left.
-fn suitable_step(
-    medium: Medium,
-    t_longest: f32,
-    t_low: f32,
-    t_end: f32,
-    t_base: f32,
-    inverse_base: f32,
-) -> f32 {
-    let t_ahead = min(medium.t_next, t_end) - t_low;
-    return select(max(t_longest, floor(t_ahead * inverse_base) * t_base), FAR, medium.t_next >= t_end);
-}
-
-// The first step that may contain something, in base steps, if it begins at `next`. Steps that may contain
-// emission begin before it; for fog, it is enough that the middle does not.
-fn first_step(next: f32) -> f32 {
-#ifdef VDB_EMISSION
-    return floor(next);
-#else
-    return ceil(next - 0.5);
-#endif
-}

@@ -112,6 +112,7 @@ struct SlabSums {
 #endif
 }
 
+// One of `count` slabs.
 fn slab_at(segment: Segment, pixel: vec2<u32>, met: Met, index: u32, count: u32, t_max: f32) -> Slab {
     if met.count == 1u {
         return Slab(start_t(segment, met.last, pixel), segment.t_min, t_max, true);
@@ -180,6 +181,7 @@ fn add_fog(sums: ptr<function, SlabSums>, segment: Segment, volume: u32, slab: S
 }
 #endif
 
+// Adds the optical depth of a fog.
 fn add_depth(sums: ptr<function, SlabSums>, volume: u32, depth: f32) {
     (*sums).thickest = select((*sums).thickest, volume, depth > (*sums).thickest_depth);
     (*sums).thickest_depth = max((*sums).thickest_depth, depth);
@@ -221,42 +223,42 @@ fn trace_slabs(segment: Segment, pixel: vec2<u32>, met: Met, t_max: f32) -> Fog 
     var largest_weight = 0.0;
     for (var index = 0u; index < slabs && fog.optical_depth <= OPAQUE_DEPTH; index++) {
         let slab = slab_at(segment, pixel, met, index, slabs, t_max);
-        var own = SlabSums();
-        own.thickest = NONE;
+        var slab_sums = SlabSums();
+        slab_sums.thickest = NONE;
 #ifdef VDB_LIT
-        own.lit = NONE;
+        slab_sums.lit = NONE;
 #endif
         for (var i = met.first; i < end; i = next_candidate(segment, pixel, i + 1u, t_max)) {
             let is_met = !is_whole || i == met.last;
 #ifdef VDB_EMISSION
             if is_met && is_emitter(i) {
-                own.emission += segment_emission(segment, i, slab.start, slab.t_low, slab.t_high);
+                slab_sums.emission += segment_emission(segment, i, slab.start, slab.t_low, slab.t_high);
             }
 #endif
             if is_met && volumes[i].kind == KIND_FOG {
 #ifdef VDB_LIT
-                add_fog(&own, segment, pixel, i, slab, passed, environment);
+                add_fog(&slab_sums, segment, pixel, i, slab, passed, environment);
 #else
-                add_fog(&own, segment, i, slab);
+                add_fog(&slab_sums, segment, i, slab);
 #endif
             }
         }
         let t_middle = 0.5 * (slab.t_low + slab.t_high);
 #ifdef VDB_EMITS
         let radiance_before = fog.radiance;
-        fog.radiance += exp(-fog.optical_depth) * mean_transmittance(own.depth) * own.emission;
+        fog.radiance += exp(-fog.optical_depth) * mean_transmittance(slab_sums.depth) * slab_sums.emission;
 #endif
-        if own.depth > 0.0 {
+        if slab_sums.depth > 0.0 {
             let transmittance = exp(-fog.optical_depth);
-            let weight = transmittance * (1.0 - exp(-own.depth));
+            let weight = transmittance * (1.0 - exp(-slab_sums.depth));
 #ifdef VDB_LIT
-            fog.radiance += weight * (own.source / max(own.depth, 1e-30));
-            add_slab(&sums, &passed, own);
+            fog.radiance += weight * (slab_sums.source / max(slab_sums.depth, 1e-30));
+            add_slab(&sums, &passed, slab_sums);
 #endif
             t_sum += weight * t_middle;
-            fog.motion_volume = select(fog.motion_volume, own.thickest, weight > largest_weight);
+            fog.motion_volume = select(fog.motion_volume, slab_sums.thickest, weight > largest_weight);
             largest_weight = max(largest_weight, weight);
-            fog.optical_depth += own.depth;
+            fog.optical_depth += slab_sums.depth;
         }
 #ifdef VDB_EMITS
         let added = dot(fog.radiance - radiance_before, vec3(1.0));

@@ -2,7 +2,7 @@
 #define_import_path bevy_vdb::trace::span
 
 #import bevy_vdb::trace::medium::{MAX_FOGS, Medium, MetMedia, begun, fog_step_voxels, new_medium}
-#import bevy_vdb::trace::medium::{step_of_voxels, suitable_step}
+#import bevy_vdb::trace::medium::step_of_voxels
 #import bevy_vdb::trace::segment::Segment
 #import bevy_vdb::traversal::fog::step_length
 #import bevy_vdb::traversal::hdda::FAR
@@ -36,6 +36,7 @@ struct Step {
     width: f32,
 }
 
+// The extent with a medium that suits steps of so many voxels.
 fn extended(extent: Extent, medium: Medium, step_voxels: f32) -> Extent {
     return Extent(
         min(extent.t_first, medium.t_next),
@@ -44,6 +45,7 @@ fn extended(extent: Extent, medium: Medium, step_voxels: f32) -> Extent {
     );
 }
 
+// The march begins at the last multiple of the shortest step before the media.
 fn new_span(extent: Extent) -> Span {
     let t_base = step_length(extent.t_base, extent.t_last - extent.t_first);
     let inverse_base = 1.0 / t_base;
@@ -51,15 +53,37 @@ fn new_span(extent: Extent) -> Span {
     return Span(t_zero, extent.t_first - t_zero, extent.t_last - t_zero, t_base, inverse_base);
 }
 
-// The `k`-th multiple of the shortest step and as many more as a stride has.
-fn step_at(span: Span, k: f32, stride: f32) -> Step {
-    let t_low = max(k * span.t_base, span.t_start);
-    let t_high = clamp((k + stride) * span.t_base, t_low, span.t_end);
+// The step from `t_low` to a multiple of the shortest step.
+fn step_to(span: Span, t_low: f32, k_high: f32) -> Step {
+    let t_high = clamp(k_high * span.t_base, t_low, span.t_end);
     let width = t_high - t_low;
     return Step(t_low, t_low + 0.5 * width, t_high, width);
 }
 
-// Fills the slots of fogs.
+// The multiple of the shortest step at which the first step begins that may contain something, if there is nothing
+// before `t_next`. Steps that may contain emission begin before it; for fog, it is enough that the middle does not.
+fn first_step(span: Span, t_next: f32) -> f32 {
+    let next = min(t_next, span.t_end) * span.inverse_base;
+#ifdef VDB_EMISSION
+    return floor(next);
+#else
+    return ceil(next - 0.5);
+#endif
+}
+
+// How long a step from `t_low` may be for a medium: `step_voxels` where it is, longer if it begins after the step, FAR
+// if nothing of it is left.
+fn suitable_step(medium: Medium, step_voxels: f32, t_low: f32, span: Span) -> f32 {
+    let t_longest = step_of_voxels(medium, step_voxels);
+    let t_ahead = min(medium.t_next, span.t_end) - t_low;
+    let steps_ahead = floor(t_ahead * span.inverse_base);
+    return select(max(t_longest, steps_ahead * span.t_base), FAR, medium.t_next >= span.t_end);
+}
+
+// Fogs and emission grids have different numbers of slots, and a WGSL function takes arrays of one length only, so
+// there is one for each kind.
+
+// Fills the slots of fogs, and returns where they are.
 fn meet_fogs(
     fogs: ptr<function, array<Medium, MAX_FOGS>>,
     fog_count: u32,
@@ -103,15 +127,14 @@ fn longest_fog_step(
 ) -> f32 {
     var t_step = FAR;
     for (var i = 0u; i < fog_count; i++) {
-        let t_longest = step_of_voxels((*fogs)[i], fog_step_voxels((*fogs)[i].volume));
-        t_step =
-            min(t_step, suitable_step((*fogs)[i], t_longest, t_low, span.t_end, span.t_base, span.inverse_base));
+        let step_voxels = fog_step_voxels((*fogs)[i].volume);
+        t_step = min(t_step, suitable_step((*fogs)[i], step_voxels, t_low, span));
     }
     return t_step;
 }
 
 #ifdef VDB_EMISSION
-// Fills the slots of emission grids.
+// Fills the slots of emission grids, and returns where they and the fogs are.
 fn meet_emitters(
     emitters: ptr<function, array<Medium, MAX_EMITTERS>>,
     emitter_count: u32,
@@ -159,9 +182,7 @@ fn longest_emission_step(
 ) -> f32 {
     var t_step = FAR;
     for (var i = 0u; i < emitter_count; i++) {
-        let t_longest = step_of_voxels((*emitters)[i], EMISSION_STEP);
-        t_step =
-            min(t_step, suitable_step((*emitters)[i], t_longest, t_low, span.t_end, span.t_base, span.inverse_base));
+        t_step = min(t_step, suitable_step((*emitters)[i], EMISSION_STEP, t_low, span));
     }
     return t_step;
 }

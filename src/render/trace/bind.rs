@@ -3,7 +3,7 @@
 use bevy::ecs::query::QueryData;
 use bevy::ecs::system::SystemParam;
 use bevy::prelude::*;
-use bevy::render::render_resource::{BindingResource, PipelineCache, Sampler, TextureView};
+use bevy::render::render_resource::{BindingResource, Buffer, PipelineCache, Sampler, TextureView};
 use bevy::render::renderer::{RenderDevice, RenderQueue};
 use bevy::render::texture::CachedTexture;
 use bevy::render::view::ViewDepthTexture;
@@ -11,7 +11,6 @@ use bevy::render::view::ViewDepthTexture;
 use super::beams::BeamsPipeline;
 use super::blackbody::BlackbodyColors;
 use super::edges::EdgesView;
-use super::lamp_light::LampLightView;
 use super::lights::{AllLights, ViewLights};
 use super::pipeline::TracePipeline;
 use super::view::{BindGroups, TraceView};
@@ -115,9 +114,9 @@ impl Sources<'_> {
         let refined = rays.as_ref().filter(|_| has(Features::DENOISED));
         let refined = refined.filter(|_| view.edges.list.is_some());
 
-        let layout = self.beams.layout(features, has(Features::PAGES));
-        let layout = cache.get_bind_group_layout(layout);
         let beams = view.trace.tiles.as_ref().map(|tiles| {
+            let layout = self.beams.layout(features, has(Features::PAGES));
+            let layout = cache.get_bind_group_layout(layout);
             let own = ((6, depth), (9, tiles.as_entire_binding()));
             device.create_bind_group("vdb_beams", &layout, &scene().extend_with_indices(own))
         });
@@ -151,33 +150,28 @@ impl<'a> SharedTextures<'a> {
     ) -> Vec<(u32, BindingResource<'a>)> {
         let Self { blackbody, cached, scattered, ramps, materials } = self;
         let trace = &*view.trace;
-        let own = |texture: &'a CachedTexture| &texture.default_view;
+        let texture = |view: &'a TextureView| BindingResource::TextureView(view);
+        let sampler = |sampler: &'a Sampler| BindingResource::Sampler(sampler);
+        let buffer = |buffer: &'a Buffer| buffer.as_entire_binding();
+        let own = |own: &'a CachedTexture| texture(&own.default_view);
         let lamps = view.light_cache.lamp_lattices();
         let lamps = lamps.filter(|_| cached.is_some() && features.contains(Features::CACHED_LAMPS));
         let lamp_light = trace.lamp_light.as_ref().filter(|_| cached.is_some());
-        let textures = [
+        let entries = [
+            (9, trace.tiles.as_ref().map(buffer)),
             (10, picture.moving.as_ref().map(own)),
-            (11, blackbody),
-            (12, cached.map(|(depths, _)| depths)),
-            (14, lamps),
-            (15, lamp_light.map(LampLightView::texture)),
+            (11, blackbody.map(texture)),
+            (12, cached.map(|(depths, _)| texture(depths))),
+            (13, cached.map(|(_, own)| sampler(own))),
+            (14, lamps.map(texture)),
+            (15, lamp_light.map(|own| texture(own.texture()))),
+            (17, view.edges.list.as_ref().map(buffer)),
             (19, trace.reflections.as_ref().map(own)),
-            (20, scattered.map(|(light, _)| light)),
-            (RAMPS_BINDING, ramps),
-            (MATERIALS_BINDING, materials),
+            (20, scattered.map(|(light, _)| texture(light))),
+            (21, scattered.map(|(_, own)| sampler(own))),
+            (RAMPS_BINDING, ramps.map(texture)),
+            (MATERIALS_BINDING, materials.map(texture)),
         ];
-        let samplers =
-            [(13, cached.map(|(_, sampler)| sampler)), (21, scattered.map(|(_, sampler)| sampler))];
-        let buffers = [(9, trace.tiles.as_ref()), (17, view.edges.list.as_ref())];
-        let textures = textures.into_iter().filter_map(|(binding, texture)| {
-            Some((binding, BindingResource::TextureView(texture?)))
-        });
-        let samplers = samplers
-            .into_iter()
-            .filter_map(|(binding, sampler)| Some((binding, BindingResource::Sampler(sampler?))));
-        let buffers = buffers
-            .into_iter()
-            .filter_map(|(binding, buffer)| Some((binding, buffer?.as_entire_binding())));
-        textures.chain(samplers).chain(buffers).collect()
+        entries.into_iter().filter_map(|(binding, entry)| Some((binding, entry?))).collect()
     }
 }

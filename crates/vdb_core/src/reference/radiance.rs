@@ -42,8 +42,8 @@ pub struct Sun {
 /// (1 + g² - 2g·cos)^(3/2))`, with `g` between -1 and 1, exclusively.
 pub fn phase(anisotropy: f64, cosine: f64) -> f64 {
     let g = anisotropy;
-    let squared = 1.0 + g * g - 2.0 * g * cosine;
-    (1.0 - g * g) / (4.0 * PI * squared * squared.sqrt())
+    let base = 1.0 + g * g - 2.0 * g * cosine;
+    (1.0 - g * g) / (4.0 * PI * base * base.sqrt())
 }
 
 /// The light that arrives at the origin of a ray.
