@@ -264,7 +264,7 @@ impl Stage {
     /// and a busy machine takes more than a few frames for them.
     fn settle(&mut self) {
         for _ in 0..2000 {
-            self.update(3);
+            self.update(2);
             let render = self.app.sub_app(bevy::render::RenderApp).world();
             if render.resource::<PipelineCache>().waiting_pipelines().next().is_none() {
                 return;

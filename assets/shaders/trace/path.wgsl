@@ -151,6 +151,29 @@ fn with_distance_fog(
     return apply_distance_fog(color, coverage, at);
 #endif
 }
+
+// What a view ray sees, through distance fog in front of the fogs and of the first surface.
+fn through_distance_fog(
+    seen: PathResult,
+    fog_layer: FogLayer,
+    first_surface: Surface,
+    primary: Segment,
+    pixel: vec2<u32>,
+) -> PathResult {
+    var result = seen;
+    let fog_color = view.exposure * fog_layer.radiance;
+    result.color = with_distance_fog(fog_color, fog_layer.coverage, primary, fog_layer.t, pixel);
+    if first_surface.found {
+        let surface_color = seen.color - fog_color;
+        let coverage = seen.coverage - fog_layer.coverage;
+        result.color += with_distance_fog(surface_color, coverage, primary, first_surface.t, pixel);
+#ifdef VDB_DENOISE
+        let reflectance = seen.reflection.reflectance;
+        result.reflection.reflectance = with_distance_fog(reflectance, 0.0, primary, first_surface.t, pixel);
+#endif
+    }
+    return result;
+}
 #endif
 
 #ifdef VDB_FOGS
@@ -291,17 +314,7 @@ fn trace_path(primary: Segment, pixel: vec2<u32>, ray: u32, t_end: f32) -> PathR
 #endif
     result.color *= view.exposure;
 #ifdef DISTANCE_FOG
-    let fog_color = view.exposure * fog_layer.radiance;
-    let surface_color = result.color - fog_color;
-    result.color = with_distance_fog(fog_color, fog_layer.coverage, primary, fog_layer.t, pixel);
-    if first_surface.found {
-        let coverage = result.coverage - fog_layer.coverage;
-        result.color += with_distance_fog(surface_color, coverage, primary, first_surface.t, pixel);
-#ifdef VDB_DENOISE
-        let reflectance = reflection.own.reflectance;
-        result.reflection.reflectance = with_distance_fog(reflectance, 0.0, primary, first_surface.t, pixel);
-#endif
-    }
+    result = through_distance_fog(result, fog_layer, first_surface, primary, pixel);
 #endif
     result.color = with_borders(result.color, primary, first_surface);
     return result;

@@ -55,6 +55,22 @@ struct Interval {
 #endif
 }
 
+// The end of an interval that begins at `t`.
+fn interval_end(march: ptr<function, March>, t: f32) -> f32 {
+    let steps = floor((t - (*march).t_box) / (*march).t_step) + 1.0;
+    return (*march).t_box + steps * (*march).t_step;
+}
+
+// Moves the origin to a cell, unless the ray misses the cell.
+fn rebase_to(mirrored: MirroredRay, cell: Dda, march: ptr<function, March>) -> bool {
+    let confirmed = confirm(mirrored, cell);
+    if confirmed.inside {
+        (*march).rebased = rebased_at(mirrored, confirmed.rel, confirmed.axis, confirmed.t);
+        (*march).t_done = 0.0;
+    }
+    return confirmed.inside;
+}
+
 // The next interval that contains density. Each iteration either moves to the next cell or takes part of the
 // current one, so the loop ends with the traversal. `max_integral` prevents overflow.
 fn next_interval(
@@ -78,13 +94,10 @@ fn next_interval(
         }
         let is_far = any(current.rel - (*march).rebased.cell > vec3(REBASE_RANGE));
         if !(*march).is_begun && (!(*march).in_run || is_far) {
-            let confirmed = confirm(mirrored, current);
-            if !confirmed.inside {
+            if !rebase_to(mirrored, current, march) {
                 (*march).dda = advance(mirrored, current, empty_cell());
                 continue;
             }
-            (*march).rebased = rebased_at(mirrored, confirmed.rel, confirmed.axis, confirmed.t);
-            (*march).t_done = 0.0;
         }
         let rebased = (*march).rebased;
         let t_done = (*march).t_done;
@@ -93,8 +106,7 @@ fn next_interval(
         let t_cell = max(rebased_exit(rebased, mirrored, plane, next.axis), t_done);
         let t_last = max(min(t_cell, rebased.end), t_done);
         if interval.density_integral == 0.0 {
-            let steps = floor((rebased.t + t_done - (*march).t_box) / (*march).t_step) + 1.0;
-            t_out = (*march).t_box + steps * (*march).t_step;
+            t_out = interval_end(march, rebased.t + t_done);
         }
         var t_end = min(t_last, t_out - rebased.t);
         if t_end <= t_done {

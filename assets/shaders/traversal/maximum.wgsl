@@ -2,6 +2,7 @@
 #define_import_path bevy_vdb::traversal::maximum
 
 #import bevy_vdb::gpu::types::Grid
+#import bevy_vdb::traversal::cubic::{cubic_at, cubic_extrema, cubic_through}
 #import bevy_vdb::traversal::exact::MirroredRay
 #import bevy_vdb::traversal::samples::{Corners, fog_cell, tile_value, trilinear}
 #import bevy_vdb::traversal::tree::{empty_cell, locate, new_accessor, span_constant, span_occupied}
@@ -15,27 +16,13 @@ struct Largest {
 
 // The largest value of a cubic from 0 to 1, given its values at 0, 1/3, 2/3 and 1; and where it is.
 fn largest_of_cubic(f: vec4<f32>) -> vec2<f32> {
-    let d_1 = f.y - f.x;
-    let d_2 = f.z - 2.0 * f.y + f.x;
-    let d_3 = f.w - 3.0 * f.z + 3.0 * f.y - f.x;
-    // f.x + a·s + b·s² + c·s³
-    let a = 3.0 * d_1 - 1.5 * d_2 + d_3;
-    let b = 4.5 * (d_2 - d_3);
-    let c = 4.5 * d_3;
+    let a = cubic_through(f);
     var largest = select(vec2(f.x, 0.0), vec2(f.w, 1.0), f.w > f.x);
-    // a + 2·b·s + 3·c·s² = 0, without cancellation.
-    let root = b * b - 3.0 * a * c;
-    if root > 0.0 {
-        let q = -(b + select(-sqrt(root), sqrt(root), b >= 0.0));
-        let ends = vec2(
-            select(0.0, q / (3.0 * c), abs(c) > 1e-30),
-            select(0.0, a / q, abs(q) > 1e-30),
-        );
-        for (var i = 0u; i < 2u; i++) {
-            let s = saturate(select(ends.y, ends.x, i == 0u));
-            let value = f.x + s * (a + s * (b + s * c));
-            largest = select(largest, vec2(value, s), value > largest.x);
-        }
+    let extrema = cubic_extrema(a);
+    for (var i = 0u; i < 2u; i++) {
+        let s = select(extrema.y, extrema.x, i == 0u);
+        let value = cubic_at(a, s);
+        largest = select(largest, vec2(value, s), s > 0.0 && s < 1.0 && value > largest.x);
     }
     return largest;
 }

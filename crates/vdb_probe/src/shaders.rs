@@ -11,7 +11,7 @@ use naga_oil::compose::{
 pub type Defs<'a> = &'a [&'a str];
 
 /// The importable modules that do not depend on Bevy, ordered so that each comes after its imports.
-const MODULES: [(&str, &str); 20] = [
+const MODULES: [(&str, &str); 21] = [
     ("gpu/types", include_str!("../../../assets/shaders/gpu/types.wgsl")),
     ("gpu/bindings", include_str!("../../../assets/shaders/gpu/bindings.wgsl")),
     ("traversal/rays", include_str!("../../../assets/shaders/traversal/rays.wgsl")),
@@ -21,6 +21,7 @@ const MODULES: [(&str, &str); 20] = [
     ("traversal/hdda", include_str!("../../../assets/shaders/traversal/hdda.wgsl")),
     ("traversal/beam", include_str!("../../../assets/shaders/traversal/beam.wgsl")),
     ("traversal/rebase", include_str!("../../../assets/shaders/traversal/rebase.wgsl")),
+    ("traversal/cubic", include_str!("../../../assets/shaders/traversal/cubic.wgsl")),
     ("traversal/smooth", include_str!("../../../assets/shaders/traversal/smooth.wgsl")),
     ("traversal/normals", include_str!("../../../assets/shaders/traversal/normals.wgsl")),
     ("traversal/ramps", include_str!("../../../assets/shaders/traversal/ramps.wgsl")),

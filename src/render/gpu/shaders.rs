@@ -16,7 +16,7 @@ macro_rules! shaders {
 }
 
 /// The modules that shaders import.
-const IMPORTS: [(&str, &[u8]); 65] = shaders![
+const IMPORTS: [(&str, &[u8]); 66] = shaders![
     "gpu/types",
     "gpu/bindings",
     "material/table",
@@ -28,6 +28,7 @@ const IMPORTS: [(&str, &[u8]); 65] = shaders![
     "traversal/hdda",
     "traversal/beam",
     "traversal/rebase",
+    "traversal/cubic",
     "traversal/smooth",
     "traversal/normals",
     "traversal/ramps",

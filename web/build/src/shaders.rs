@@ -13,7 +13,7 @@ use crate::root;
 
 /// The modules, ordered so that each comes after its imports; also those that are imported under shader defs which no
 /// variant has.
-const MODULES: [&str; 22] = [
+const MODULES: [&str; 23] = [
     "assets/shaders/gpu/types.wgsl",
     "assets/shaders/gpu/bindings.wgsl",
     "assets/shaders/traversal/rays.wgsl",
@@ -23,6 +23,7 @@ const MODULES: [&str; 22] = [
     "assets/shaders/traversal/hdda.wgsl",
     "assets/shaders/traversal/beam.wgsl",
     "assets/shaders/traversal/rebase.wgsl",
+    "assets/shaders/traversal/cubic.wgsl",
     "assets/shaders/traversal/smooth.wgsl",
     "assets/shaders/traversal/normals.wgsl",
     "assets/shaders/traversal/ramps.wgsl",

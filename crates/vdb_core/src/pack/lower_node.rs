@@ -44,6 +44,46 @@ impl Built<'_> {
     }
 }
 
+impl<'a> LowerNode<'a> {
+    fn new(at: IVec3, kind: PackKind) -> Self {
+        Self {
+            at,
+            words: vec![0; LOWER_WORDS].into_boxed_slice(),
+            masks: Vec::new(),
+            sources: Vec::new(),
+            palette: Palette::new(kind),
+            occupied: None,
+        }
+    }
+
+    /// Sets a leaf-sized cube, which begins at `origin`, to what it contains.
+    fn set(
+        &mut self,
+        (slot, origin): (usize, IVec3),
+        content: Content,
+        sources: Sources<'a>,
+        kind: PackKind,
+        region: &Region,
+    ) {
+        let (word, occupied) = match content {
+            Content::Tile(tile) => {
+                let cube = tile.occupied_box(Rule::of(kind), CoordBox::cube(origin, LEAF_BITS));
+                (self.palette.word(tile), region.met(cube))
+            }
+            Content::Leaf(mask) => {
+                let number = self.masks.len() as u32;
+                self.masks.push(mask);
+                if !matches!(kind, PackKind::Surface { .. }) {
+                    self.sources.push(sources);
+                }
+                (leaf_word(&mask, number), region.mask_box(&mask, origin))
+            }
+        };
+        self.words[slot] = word;
+        self.occupied = [self.occupied, occupied].into_iter().flatten().reduce(CoordBox::union);
+    }
+}
+
 /// Edge, in leaves, of a lower node and the neighbours that its cells depend on.
 const AROUND: usize = 17;
 
@@ -64,16 +104,8 @@ pub(super) fn built<'a>(
     let rule = Rule::of(kind);
     around.fill(rule, wide);
     let Around { sources: around, numbers, leaves, .. } = &*around;
-    let is_sampled = !matches!(kind, PackKind::Surface { .. });
     let steps: [usize; 8] = std::array::from_fn(|side| around_slot(corner(side)));
-    let mut lower_node = LowerNode {
-        at,
-        words: vec![0; LOWER_WORDS].into_boxed_slice(),
-        masks: Vec::new(),
-        sources: Vec::new(),
-        palette: Palette::new(kind),
-        occupied: None,
-    };
+    let mut lower_node = LowerNode::new(at, kind);
     let content = |sources: &Sources, place: usize| {
         let planes = |side: usize| match sources[side] {
             Source::Leaf(_) => leaves[usize::from(numbers[place + steps[side]])],
@@ -117,26 +149,9 @@ pub(super) fn built<'a>(
         let origin = (at << LOWER_BITS as i32) + (cube << LEAF_BITS as i32);
         let content = packed_content(content, origin, region);
         all_alike &= *first.get_or_insert(content) == content;
-        if content.is_empty() {
-            continue;
+        if !content.is_empty() {
+            lower_node.set((slot, origin), content, sources, kind, region);
         }
-        let (word, occupied) = match content {
-            Content::Tile(tile) => {
-                let cube = CoordBox::cube(origin, LEAF_BITS);
-                (lower_node.palette.word(tile), region.met(tile.occupied_box(rule, cube)))
-            }
-            Content::Leaf(mask) => {
-                let number = lower_node.masks.len() as u32;
-                lower_node.masks.push(mask);
-                if is_sampled {
-                    lower_node.sources.push(sources);
-                }
-                (leaf_word(&mask, number), region.mask_box(&mask, origin))
-            }
-        };
-        lower_node.words[slot] = word;
-        let boxes = [lower_node.occupied, occupied];
-        lower_node.occupied = boxes.into_iter().flatten().reduce(CoordBox::union);
     }
     match first {
         Some(Content::Tile(tile @ (Tile::Empty | Tile::Plain(_)))) if all_alike => {

@@ -5,10 +5,10 @@ use std::collections::HashMap;
 use glam::IVec3;
 use rayon::prelude::*;
 
-use super::grid::{GridHeader, PackedGrid};
+use super::grid::PackedGrid;
 use super::layout::*;
 use super::skips::Chunk;
-use super::top_tree::offset_of;
+use super::top_tree;
 
 /// The mean number of voxels that are not empty on a line along an axis, over lines that pass through leaves or tiles;
 /// the largest of the three axes. `voxels` is the number of voxels in leaves that are not empty.
@@ -16,9 +16,13 @@ pub(super) fn measure(grid: &PackedGrid, voxels: f64) -> f32 {
     let header = &grid.header;
     let section = |first: u32, end: u32| &grid.words[first as usize..end as usize];
     let mut shadows = Shadows::default();
-    let (places, tiles) = read_top(section(header.top, header.heads), header);
-    for Tile { place, level } in tiles {
-        shadows.add_tile(place, level);
+    let mut places = vec![IVec3::ZERO; (header.lower_nodes - header.heads) as usize];
+    for slot in top_tree::slots(section(header.top, header.heads), header.top_levels) {
+        if slot.word & CHILD != 0 {
+            places[(slot.word & PAYLOAD) as usize] = slot.place;
+        } else if is_filled(slot.word) {
+            shadows.add_tile(slot.place, slot.level);
+        }
     }
     let masks = section(header.masks, header.samples).as_chunks::<LEAF_MASK_WORDS>().0;
     let heads = section(header.heads, header.lower_nodes).par_iter();
@@ -70,34 +74,6 @@ fn inside() -> [u32; LEAF_MASK_WORDS] {
         words[word] |= 1 << bit;
     }
     words
-}
-
-/// A tile of the top-level tree. Its place is that of its slot at its level.
-struct Tile {
-    place: IVec3,
-    level: u32,
-}
-
-/// The places of the lower nodes, and the tiles of a top-level tree.
-fn read_top(words: &[u32], header: &GridHeader) -> (Vec<IVec3>, Vec<Tile>) {
-    let mut lower_nodes = vec![IVec3::ZERO; (header.lower_nodes - header.heads) as usize];
-    let mut nodes = vec![(header.top_levels - 1, IVec3::ZERO); words.len() / TOP_WORDS];
-    let mut tiles = Vec::new();
-    // Children come after their parents.
-    for (number, words) in words.chunks_exact(TOP_WORDS).enumerate() {
-        let (level, at) = nodes[number];
-        for (slot, &word) in words.iter().enumerate() {
-            let (place, child) = (at * 4 + offset_of(slot), (word & PAYLOAD) as usize);
-            if is_filled(word) {
-                tiles.push(Tile { place, level });
-            } else if word & CHILD != 0 && level > 0 {
-                nodes[child] = (level - 1, place);
-            } else if word & CHILD != 0 {
-                lower_nodes[child] = place;
-            }
-        }
-    }
-    (lower_nodes, tiles)
 }
 
 /// What leaves and tiles cover along each axis.

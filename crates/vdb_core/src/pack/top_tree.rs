@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, HashMap};
 use glam::IVec3;
 use rayon::prelude::*;
 
-use super::layout::{CHILD, LOWER_BITS, OCCUPIED, TOP_WORDS};
+use super::layout::{CHILD, LOWER_BITS, OCCUPIED, PAYLOAD, TOP_WORDS};
 use super::skips::{self, CHUNK_BITS, Chunk};
 
 /// The levels needed for an extent of `extent` lower nodes per axis (1 or more).
@@ -32,6 +32,33 @@ fn slot_of(part: IVec3) -> usize {
 pub(super) fn offset_of(slot: usize) -> IVec3 {
     let slot = slot as i32;
     IVec3::new(slot >> 4, slot >> 2 & 3, slot & 3)
+}
+
+/// A slot of a top-level tree that is not empty: a lower node or a tile.
+pub(super) struct TopSlot {
+    pub word: u32,
+    /// 0: as large as a lower node; each level is four times as large as the one below.
+    pub level: u32,
+    /// Its place from the tree's origin, in slots of its level.
+    pub place: IVec3,
+}
+
+/// The slots that are not empty, from the words of a top-level tree, depth first.
+pub(super) fn slots(words: &[u32], levels: u32) -> Vec<TopSlot> {
+    let mut slots = Vec::new();
+    let mut open = vec![(0, levels - 1, IVec3::ZERO)];
+    while let Some((node, level, at)) = open.pop() {
+        for (slot, &word) in words[node * TOP_WORDS..][..TOP_WORDS].iter().enumerate() {
+            let place = at * 4 + offset_of(slot);
+            match word & (CHILD | OCCUPIED) {
+                0 => {}
+                OCCUPIED => slots.push(TopSlot { word, level, place }),
+                _ if level == 0 => slots.push(TopSlot { word, level, place }),
+                _ => open.push(((word & PAYLOAD) as usize, level - 1, place)),
+            }
+        }
+    }
+    slots
 }
 
 /// The nodes of the top-level tree, the root first.

@@ -62,21 +62,9 @@ pub(super) fn numbered(
 pub(super) fn lower_nodes_of(packed: &PackedGrid) -> Option<Vec<(IVec3, u32)>> {
     let header = &packed.header;
     let origin = (packed.base >> LOWER_BITS as i32) + IVec3::from_array(header.top_origin);
-    let mut found = Vec::new();
-    let mut open = vec![(0, header.top_levels - 1, IVec3::ZERO)];
-    while let Some((node, level, place)) = open.pop() {
-        let first = header.top as usize + node as usize * TOP_WORDS;
-        for (slot, &word) in packed.words[first..first + TOP_WORDS].iter().enumerate() {
-            let place = place * 4 + top_tree::offset_of(slot);
-            match (word & (CHILD | OCCUPIED), level) {
-                (0, _) => {}
-                (_, 0) => found.push((origin + place, word)),
-                (OCCUPIED, _) => return None,
-                _ => open.push((word & PAYLOAD, level - 1, place)),
-            }
-        }
-    }
-    Some(found)
+    let top = &packed.words[header.top as usize..header.heads as usize];
+    let slots = top_tree::slots(top, header.top_levels).into_iter();
+    slots.map(|slot| (slot.level == 0).then_some((origin + slot.place, slot.word))).collect()
 }
 
 impl PackedGrid {

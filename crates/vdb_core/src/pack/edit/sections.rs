@@ -1,7 +1,9 @@
 //! Packed grids with spare room, so that every section of their words can grow in place.
 
 use std::collections::{BTreeMap, HashMap};
+use std::ops::Range;
 
+use glam::IVec3;
 use rayon::prelude::*;
 
 use super::frame::Frame;
@@ -111,112 +113,155 @@ fn copy_leaf(
     }
 }
 
+/// The leaves of a packed grid, which are stored by lower node.
+struct PackedLeaves<'a> {
+    /// The first leaf of each lower node.
+    heads: &'a [u32],
+    count: u32,
+}
+
+impl<'a> PackedLeaves<'a> {
+    fn of(packed: &'a PackedGrid) -> Self {
+        let header = &packed.header;
+        let masks_end = match packed.kind {
+            PackKind::Surface { .. } => header.palette,
+            PackKind::Smooth { .. } => header.leaf_records,
+            PackKind::Fog => header.samples,
+        };
+        Self {
+            heads: &packed.words[header.heads as usize..header.lower_nodes as usize],
+            count: (masks_end - header.masks) / LEAF_MASK_WORDS as u32,
+        }
+    }
+
+    fn of_lower_node(&self, number: u32) -> Range<u32> {
+        let heads = &self.heads[number as usize..];
+        heads[0]..heads.get(1).copied().unwrap_or(self.count)
+    }
+}
+
+/// The lower nodes of a packed grid, by position, and the slots that their leaves get.
+fn placed(
+    packed: &PackedGrid,
+    leaves: &PackedLeaves,
+    found: Vec<(IVec3, u32)>,
+) -> (BTreeMap<[i32; 3], LowerNode>, Runs) {
+    let mut places = Runs::new(u32::MAX);
+    let mut lower_nodes = BTreeMap::new();
+    for (at, word) in found {
+        let mut lower_node = LowerNode::new(word);
+        if let Some(number) = lower_node.number() {
+            let count = leaves.of_lower_node(number).len() as u32;
+            let least = (count + count / 8 + 2).min(LOWER_WORDS as u32);
+            lower_node.leaves = places.take(least).unwrap_or_default();
+            (0..count as usize).for_each(|leaf| lower_node.used.set(leaf, true));
+            lower_node.chunk = chunk(&packed.words[packed.header.lower_node(number)]);
+        }
+        lower_nodes.insert(at.to_array(), lower_node);
+    }
+    (lower_nodes, places)
+}
+
+/// The samples that the leaves of a smooth surface get, by slot; none for other kinds.
+fn sampled(
+    packed: &PackedGrid,
+    leaves: &PackedLeaves,
+    lower_nodes: &BTreeMap<[i32; 3], LowerNode>,
+    place_room: u32,
+) -> (Runs, Vec<Run>) {
+    let mut samples = Runs::new(u32::MAX);
+    if !matches!(packed.kind, PackKind::Smooth { .. }) {
+        return (samples, Vec::new());
+    }
+    let mut samples_of = vec![Run::default(); place_room as usize];
+    for (lower_node, number) in numbered(lower_nodes) {
+        for (place, leaf) in (lower_node.leaves.first..).zip(leaves.of_lower_node(number)) {
+            let kept = blocks::samples_of(packed.mask(leaf));
+            samples_of[place as usize] = samples.take(kept).unwrap_or_default();
+        }
+    }
+    (samples, samples_of)
+}
+
 impl Sections {
     /// Copies a packed grid with 32-bit samples into sections that have room to grow by half.
     /// `None` if there are tiles of more than 128³ cells.
     pub fn spread(packed: &PackedGrid) -> Result<Option<(PackedGrid, Self)>, PackError> {
-        let old = &packed.header;
         let Some(found) = lower_nodes_of(packed) else { return Ok(None) };
-        let smooth = matches!(packed.kind, PackKind::Smooth { .. });
-        let leaves_end = match packed.kind {
-            PackKind::Surface { .. } => old.palette,
-            PackKind::Smooth { .. } => old.leaf_records,
-            PackKind::Fog => old.samples,
-        };
-        let (count, leaves) =
-            (old.lower_nodes - old.heads, (leaves_end - old.masks) / LEAF_MASK_WORDS as u32);
-        let leaves_of = |number: u32| {
-            let head = |number: u32| packed.words[(old.heads + number) as usize];
-            head(number)..if number + 1 < count { head(number + 1) } else { leaves }
-        };
-
-        let mut places = Runs::new(u32::MAX);
-        let mut lower_nodes = BTreeMap::new();
-        for (at, word) in found {
-            let mut lower_node = LowerNode::new(word);
-            if let Some(number) = lower_node.number() {
-                let leaves = leaves_of(number).len() as u32;
-                let least = (leaves + leaves / 8 + 2).min(LOWER_WORDS as u32);
-                lower_node.leaves = places.take(least).unwrap_or_default();
-                (0..leaves as usize).for_each(|leaf| lower_node.used.set(leaf, true));
-                lower_node.chunk = chunk(&packed.words[old.lower_node(number)]);
-            }
-            lower_nodes.insert(at.to_array(), lower_node);
-        }
+        let leaves = PackedLeaves::of(packed);
+        let (lower_nodes, places) = placed(packed, &leaves, found);
         let place_room = roomy(places.end(), 256);
-        let mut samples = Runs::new(u32::MAX);
-        let mut samples_of = vec![Run::default(); if smooth { place_room as usize } else { 0 }];
-        if smooth {
-            for (lower_node, number) in numbered(&lower_nodes) {
-                for (place, leaf) in (lower_node.leaves.first..).zip(leaves_of(number)) {
-                    let kept = blocks::samples_of(packed.mask(leaf));
-                    samples_of[place as usize] = samples.take(kept).unwrap_or_default();
-                }
-            }
-        }
+        let (samples, samples_of) = sampled(packed, &leaves, &lower_nodes, place_room);
 
         let frame = Frame::around(&lower_nodes);
         let top = frame.top(&lower_nodes);
-        let top_room = roomy(top.len() as u32, 8 * TOP_WORDS as u32);
-        let lower_room = roomy(count, 16);
-        let sample_room = roomy(samples.end(), 1 << 14);
-        let palette_end = packed.words.len() as u32 - old.palette;
-        let palette_room = if matches!(packed.kind, PackKind::Surface { .. }) {
-            0
-        } else {
-            roomy(palette_end, 256)
-        };
-
+        let palette_end = packed.words.len() as u32 - packed.header.palette;
+        let has_palette = !matches!(packed.kind, PackKind::Surface { .. });
         let room = Room {
-            top: top_room,
-            lower: lower_room,
+            top: roomy(top.len() as u32, 8 * TOP_WORDS as u32),
+            lower: roomy(leaves.heads.len() as u32, 16),
             places: place_room,
-            samples: sample_room,
-            palette: palette_room,
+            samples: roomy(samples.end(), 1 << 14),
+            palette: if has_palette { roomy(palette_end, 256) } else { 0 },
         };
         let (header, words) = room.laid_out(packed, &frame)?;
-        let mut words = vec![0; words as usize];
-        let mut put = |first: u32, from: &[u32]| {
-            words[first as usize..first as usize + from.len()].copy_from_slice(from);
-        };
-        put(header.top, &top);
-        if smooth {
-            let firsts: Vec<u32> = (0..place_room).map(|place| place * LEAF_RECORDS).collect();
-            put(header.leaf_records, &firsts);
-        }
-        for (lower_node, number) in numbered(&lower_nodes) {
-            put(header.heads + number, &[lower_node.leaves.first]);
-            put(header.lower_node(number).start as u32, &packed.words[old.lower_node(number)]);
-            for (place, leaf) in (lower_node.leaves.first..).zip(leaves_of(number)) {
-                let run = samples_of.get(place as usize).copied().unwrap_or_default();
-                copy_leaf(packed, leaf, &header, place, run, &mut put);
-            }
-        }
-        if palette_room > 0 {
-            put(header.palette, &packed.words[old.palette as usize..]);
-        }
-        let base = frame.base << LOWER_BITS as i32;
-        let (kind, majorant, detail) = (packed.kind, packed.majorant, packed.detail);
-        let mut spread =
-            PackedGrid { kind, base, occupied: None, words, header, majorant, detail, spare: None };
-        let boxes: Vec<_> = lower_nodes.par_iter().map(|(at, r)| spread.box_of(*at, r)).collect();
-        for (lower_node, occupied) in lower_nodes.values_mut().zip(boxes) {
-            lower_node.occupied = occupied;
-        }
         let mut sections = Self {
-            free_lower_nodes: (count..lower_room).rev().collect(),
-            places: places.with_capacity(place_room),
-            samples: samples.with_capacity(sample_room),
+            free_lower_nodes: (leaves.heads.len() as u32..room.lower).rev().collect(),
+            places: places.with_capacity(room.places),
+            samples: samples.with_capacity(room.samples),
             samples_of,
             tiles: HashMap::new(),
             tuples: HashMap::new(),
             palette_end,
-            palette_room,
-            top_room,
+            palette_room: room.palette,
+            top_room: room.top,
             lower_nodes,
         };
+        let mut words = vec![0; words as usize];
+        sections.copy_into(&mut words, &header, packed, &leaves, &top);
+        let base = frame.base << LOWER_BITS as i32;
+        let (kind, majorant, detail) = (packed.kind, packed.majorant, packed.detail);
+        let mut spread =
+            PackedGrid { kind, base, occupied: None, words, header, majorant, detail, spare: None };
+        let lower_nodes = &mut sections.lower_nodes;
+        let boxes: Vec<_> = lower_nodes.par_iter().map(|(at, r)| spread.box_of(*at, r)).collect();
+        for (lower_node, occupied) in lower_nodes.values_mut().zip(boxes) {
+            lower_node.occupied = occupied;
+        }
         sections.set_box(&mut spread);
         Ok(Some((spread, sections)))
+    }
+
+    /// Copies a packed grid to where its parts are in these sections, into words that are all zero.
+    fn copy_into(
+        &self,
+        words: &mut [u32],
+        header: &GridHeader,
+        packed: &PackedGrid,
+        leaves: &PackedLeaves,
+        top: &[u32],
+    ) {
+        let mut put = |first: u32, from: &[u32]| {
+            words[first as usize..first as usize + from.len()].copy_from_slice(from);
+        };
+        put(header.top, top);
+        if matches!(packed.kind, PackKind::Smooth { .. }) {
+            let place_room = self.samples_of.len() as u32;
+            let firsts: Vec<u32> = (0..place_room).map(|place| place * LEAF_RECORDS).collect();
+            put(header.leaf_records, &firsts);
+        }
+        for (lower_node, number) in numbered(&self.lower_nodes) {
+            put(header.heads + number, &[lower_node.leaves.first]);
+            let from = &packed.words[packed.header.lower_node(number)];
+            put(header.lower_node(number).start as u32, from);
+            for (place, leaf) in (lower_node.leaves.first..).zip(leaves.of_lower_node(number)) {
+                let run = self.samples_of.get(place as usize).copied().unwrap_or_default();
+                copy_leaf(packed, leaf, header, place, run, &mut put);
+            }
+        }
+        if self.palette_room > 0 {
+            put(header.palette, &packed.words[packed.header.palette as usize..]);
+        }
     }
 
     /// Sets the bounding box of a grid to the union over all lower nodes.
