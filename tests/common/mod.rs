@@ -222,6 +222,15 @@ impl Stage {
         (0..frames).for_each(|_| self.app.update());
     }
 
+    /// Draws a frame and waits until it is done, so that what Bevy reads back for the next one has arrived: with
+    /// other sizes of its clusters of lights (bevy_pbr 0.19.1, cluster/gpu.rs), fog in a spot light looks different.
+    fn update_and_wait(&mut self) {
+        self.update(1);
+        let render = self.app.sub_app(bevy::render::RenderApp).world();
+        let device = render.resource::<RenderDevice>();
+        device.poll(PollType::wait_indefinitely()).expect("a frame");
+    }
+
     /// An image to draw into.
     pub fn target(&mut self, size: UVec2) -> Handle<Image> {
         let mut image = Image::new_target_texture(size.x, size.y, TextureFormat::Rgba32Float, None);
@@ -264,7 +273,8 @@ impl Stage {
     /// and a busy machine takes more than a few frames for them.
     fn settle(&mut self) {
         for _ in 0..2000 {
-            self.update(2);
+            self.update_and_wait();
+            self.update_and_wait();
             let render = self.app.sub_app(bevy::render::RenderApp).world();
             if render.resource::<PipelineCache>().waiting_pipelines().next().is_none() {
                 return;

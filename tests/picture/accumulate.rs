@@ -400,6 +400,7 @@ fn it_is_there_only_where_frames_are_put_together() {
     }
     let on = VdbQuality { accumulate: 16, ..default() };
     stage.world().entity_mut(camera).insert(on);
+    stage.update(1);
     let (has, runs, bytes, frames) = report(&mut stage);
     assert!(has && runs && frames > 1);
     assert_eq!(bytes, [32 * pixels, 8 * pixels, 4 * pixels]);
