@@ -223,7 +223,7 @@ impl Stage {
     }
 
     /// Draws a frame and waits until it is done, so that what Bevy reads back for the next one has arrived: with
-    /// other sizes of its clusters of lights (bevy_pbr 0.19.1, cluster/gpu.rs), fog in a spot light looks different.
+    /// other sizes of its clusters of lights (`bevy_pbr` 0.19.1), fog in a spot light looks different.
     fn update_and_wait(&mut self) {
         self.update(1);
         let render = self.app.sub_app(bevy::render::RenderApp).world();
