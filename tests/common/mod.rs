@@ -222,13 +222,11 @@ impl Stage {
         (0..frames).for_each(|_| self.app.update());
     }
 
-    /// Draws a frame and waits until it is done, so that what Bevy reads back for the next one has arrived: with
-    /// other sizes of its clusters of lights (`bevy_pbr` 0.19.1), fog in a spot light looks different.
-    fn update_and_wait(&mut self) {
-        self.update(1);
+    /// Waits until the GPU has finished everything and what is read back from it has arrived.
+    fn wait(&self) {
         let render = self.app.sub_app(bevy::render::RenderApp).world();
         let device = render.resource::<RenderDevice>();
-        device.poll(PollType::wait_indefinitely()).expect("a frame");
+        device.poll(PollType::wait_indefinitely()).expect("a GPU that finishes");
     }
 
     /// An image to draw into.
@@ -273,8 +271,11 @@ impl Stage {
     /// and a busy machine takes more than a few frames for them.
     fn settle(&mut self) {
         for _ in 0..2000 {
-            self.update_and_wait();
-            self.update_and_wait();
+            for _ in 0..2 {
+                self.update(1);
+                // Otherwise a later frame may lack a spot light that is new (`bevy_pbr` 0.19.1).
+                self.wait();
+            }
             let render = self.app.sub_app(bevy::render::RenderApp).world();
             if render.resource::<PipelineCache>().waiting_pipelines().next().is_none() {
                 return;
@@ -358,7 +359,7 @@ impl Stage {
         encoder.copy_texture_to_buffer(texture.as_image_copy(), target, size);
         render.resource::<RenderQueue>().submit([encoder.finish()]);
         buffer.slice(..).map_async(MapMode::Read, |mapped| mapped.expect("a picture in memory"));
-        device.poll(PollType::wait_indefinitely()).expect("a picture from the GPU");
+        self.wait();
         let bytes = buffer.slice(..).get_mapped_range();
         let rows = bytes.chunks_exact(aligned).map(|line| &line[..row]);
         let pixels: Vec<Vec4> = rows.flat_map(bytemuck::pod_collect_to_vec::<u8, Vec4>).collect();

@@ -400,6 +400,7 @@ fn it_is_there_only_where_frames_are_put_together() {
     }
     let on = VdbQuality { accumulate: 16, ..default() };
     stage.world().entity_mut(camera).insert(on);
+    // The frames of one picture are too few for a mean of several.
     stage.update(1);
     let (has, runs, bytes, frames) = report(&mut stage);
     assert!(has && runs && frames > 1);

@@ -64,7 +64,7 @@ struct SegmentSums {
 // Where an interval begins and ends. Every t is relative to where the march begins.
 struct IntervalBounds {
     t_end: f32,
-    t_longest: f32,                 // the length of intervals where nothing attenuates the view ray and no lamp is near
+    t_longest: f32,                 // the length of intervals before anything attenuates the view ray, far from lamps
 #ifdef VDB_LAMP_LIGHT
     t_begin: f32,
     near: vec2<f32>,                // see `near_lamps`
@@ -120,8 +120,8 @@ fn first_bounds(
     return next_bounds(bounds, 0.25 * bounds.t_longest, t_zero, t_begin, t_begin);
 }
 
-// The interval that begins at `t_begin`, with nothing before `t_near`. It ends at a multiple of `t_length`, so that
-// neighbouring rays evaluate light at the same time.
+// The interval that begins at `t_begin`, if there is nothing before `t_near`. It ends at a multiple of `t_length`, so
+// that neighbouring rays evaluate light in the same iteration.
 fn next_bounds(bounds: IntervalBounds, t_length: f32, t_zero: f32, t_begin: f32, t_near: f32) -> IntervalBounds {
     var next = bounds;
     next.t_end = next_multiple(t_zero + max(t_begin, t_near), t_length) - t_zero;
@@ -142,7 +142,7 @@ fn was_near_lamps(bounds: IntervalBounds, t_end: f32) -> bool {
 }
 
 #ifdef VDB_EMITS
-// Adds radiance that media emit at a t.
+// Adds the radiance that media emit at `t`.
 fn add_emitted(sums: ptr<function, SegmentSums>, emitted: vec3<f32>, t: f32) {
     let weight = dot(emitted, vec3(1.0));
     (*sums).emitted += emitted;

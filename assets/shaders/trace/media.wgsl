@@ -139,7 +139,7 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_max: f32) ->
         if HAS_INTERVALS && (step.t_high >= bounds.t_end || is_done) && interval.weight > 0.0 {
             let is_near = was_near_lamps(bounds, step.t_high);
             add_interval(segment, pixel, &fogs, fog_count, span.t_zero, t_max, &shared_light, &interval, is_near, &sums);
-            // Becomes longer like the steps.
+            // As steps do, intervals become longer where the view ray is attenuated.
             let longest = LAMP_INTERVAL * shared_light.nearest / (state.dir_length * bounds.t_longest);
             let part = max(min(stride_at(fog.optical_depth), longest), MIN_INTERVAL);
             let t_length = bounds.t_longest * exp2(floor(log2(part)));

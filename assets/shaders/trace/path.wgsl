@@ -152,7 +152,8 @@ fn with_distance_fog(
 #endif
 }
 
-// What a view ray sees, through distance fog in front of the fogs and of the first surface.
+// Applies distance fog to what a view ray sees: to the fogs at their mean distance, and to the first surface and all
+// that it reflects at its own.
 fn through_distance_fog(
     seen: PathResult,
     fog_layer: FogLayer,

@@ -112,7 +112,7 @@ struct SlabSums {
 #endif
 }
 
-// One of `count` slabs.
+// The slab with this index, of `count`.
 fn slab_at(segment: Segment, pixel: vec2<u32>, met: Met, index: u32, count: u32, t_max: f32) -> Slab {
     if met.count == 1u {
         return Slab(start_t(segment, met.last, pixel), segment.t_min, t_max, true);

@@ -36,7 +36,7 @@ struct Step {
     width: f32,
 }
 
-// The extent with a medium that suits steps of so many voxels.
+// Enlarges an extent to include a medium, which is sampled in steps of `step_voxels`.
 fn extended(extent: Extent, medium: Medium, step_voxels: f32) -> Extent {
     return Extent(
         min(extent.t_first, medium.t_next),
@@ -60,8 +60,8 @@ fn step_to(span: Span, t_low: f32, k_high: f32) -> Step {
     return Step(t_low, t_low + 0.5 * width, t_high, width);
 }
 
-// The multiple of the shortest step at which the first step begins that may contain something, if there is nothing
-// before `t_next`. Steps that may contain emission begin before it; for fog, it is enough that the middle does not.
+// Where to begin stepping if there is nothing before `t_next`, in multiples of the shortest step. The first step must
+// contain `t_next` if there is emission. With fog alone it may begin later, as only the middle of a step is sampled.
 fn first_step(span: Span, t_next: f32) -> f32 {
     let next = min(t_next, span.t_end) * span.inverse_base;
 #ifdef VDB_EMISSION
@@ -71,8 +71,8 @@ fn first_step(span: Span, t_next: f32) -> f32 {
 #endif
 }
 
-// How long a step from `t_low` may be for a medium: `step_voxels` where it is, longer if it begins after the step, FAR
-// if nothing of it is left.
+// The longest step from `t_low` that suits a medium: `step_voxels` inside it, as far as where it begins if that is
+// farther ahead, and FAR if it has ended.
 fn suitable_step(medium: Medium, step_voxels: f32, t_low: f32, span: Span) -> f32 {
     let t_longest = step_of_voxels(medium, step_voxels);
     let t_ahead = min(medium.t_next, span.t_end) - t_low;

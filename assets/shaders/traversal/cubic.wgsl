@@ -1,4 +1,4 @@
-// Cubics, which is what the trilinear interpolant is along a ray through a cell.
+// Cubics: along a ray through a cell, the trilinear interpolant is one.
 #define_import_path bevy_vdb::traversal::cubic
 
 // The root finder stops when its step is below this fraction of the path through the cell: Newton's method
@@ -23,7 +23,7 @@ fn cubic_through(f: vec4<f32>) -> vec4<f32> {
     );
 }
 
-// Where a cubic has its extrema, the lower first; 2 in place of what there is not.
+// Where a cubic has its extrema, in ascending order; 2 in place of those that do not exist.
 fn cubic_extrema(a: vec4<f32>) -> vec2<f32> {
     // 3·a.w·s² + 2·a.z·s + a.y = 0, without cancellation.
     let b = a.z;

@@ -55,13 +55,13 @@ struct Interval {
 #endif
 }
 
-// The end of an interval that begins at `t`.
+// Where an interval that begins at `t` ends: at the next multiple of the step.
 fn interval_end(march: ptr<function, March>, t: f32) -> f32 {
     let steps = floor((t - (*march).t_box) / (*march).t_step) + 1.0;
     return (*march).t_box + steps * (*march).t_step;
 }
 
-// Moves the origin to a cell, unless the ray misses the cell.
+// Rebases the march to a cell. False, and nothing happens, if the ray misses the cell.
 fn rebase_to(mirrored: MirroredRay, cell: Dda, march: ptr<function, March>) -> bool {
     let confirmed = confirm(mirrored, cell);
     if confirmed.inside {

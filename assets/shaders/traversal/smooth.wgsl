@@ -32,8 +32,8 @@ fn no_hit() -> SurfaceHit {
     return none;
 }
 
-// A root s on a path through a cell, from one of the cubic. The cubic's coefficients amplify the rounding of the four
-// values. One Newton step on the interpolant itself removes most of that error.
+// Refines a root s of the cubic along a path through a cell. The cubic's coefficients amplify the rounding of the four
+// values; one Newton step on the interpolant itself removes most of that error.
 fn refined_root(c: Corners, start: vec3<f32>, path: vec3<f32>, s: f32) -> f32 {
     let first_guess = saturate(start + s * path);
     let slope = dot(trilinear_gradient(c, first_guess), path);

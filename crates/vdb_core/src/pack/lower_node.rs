@@ -56,7 +56,7 @@ impl<'a> LowerNode<'a> {
         }
     }
 
-    /// Sets a leaf-sized cube, which begins at `origin`, to what it contains.
+    /// Stores the content of the leaf-sized cube in a slot, whose first cell is `origin`.
     fn set(
         &mut self,
         (slot, origin): (usize, IVec3),

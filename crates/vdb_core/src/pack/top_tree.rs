@@ -39,22 +39,21 @@ pub(super) struct TopSlot {
     pub word: u32,
     /// 0: as large as a lower node; each level is four times as large as the one below.
     pub level: u32,
-    /// Its place from the tree's origin, in slots of its level.
+    /// Its position relative to the tree's origin, in slots of its level.
     pub place: IVec3,
 }
 
-/// The slots that are not empty, from the words of a top-level tree, depth first.
+/// The lower nodes and tiles of a top-level tree, given its words.
 pub(super) fn slots(words: &[u32], levels: u32) -> Vec<TopSlot> {
     let mut slots = Vec::new();
     let mut open = vec![(0, levels - 1, IVec3::ZERO)];
     while let Some((node, level, at)) = open.pop() {
         for (slot, &word) in words[node * TOP_WORDS..][..TOP_WORDS].iter().enumerate() {
             let place = at * 4 + offset_of(slot);
-            match word & (CHILD | OCCUPIED) {
-                0 => {}
-                OCCUPIED => slots.push(TopSlot { word, level, place }),
-                _ if level == 0 => slots.push(TopSlot { word, level, place }),
-                _ => open.push(((word & PAYLOAD) as usize, level - 1, place)),
+            if word & CHILD != 0 && level > 0 {
+                open.push(((word & PAYLOAD) as usize, level - 1, place));
+            } else if word & (CHILD | OCCUPIED) != 0 {
+                slots.push(TopSlot { word, level, place });
             }
         }
     }

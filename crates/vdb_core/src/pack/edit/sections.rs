@@ -140,8 +140,8 @@ impl<'a> PackedLeaves<'a> {
     }
 }
 
-/// The lower nodes of a packed grid, by position, and the slots that their leaves get.
-fn placed(
+/// Allocates slots for the leaves of a packed grid. Returns its lower nodes by position.
+fn place_leaves(
     packed: &PackedGrid,
     leaves: &PackedLeaves,
     found: Vec<(IVec3, u32)>,
@@ -162,8 +162,8 @@ fn placed(
     (lower_nodes, places)
 }
 
-/// The samples that the leaves of a smooth surface get, by slot; none for other kinds.
-fn sampled(
+/// Allocates samples for the leaves of a smooth surface. Returns each leaf's run by its slot; none for other kinds.
+fn place_samples(
     packed: &PackedGrid,
     leaves: &PackedLeaves,
     lower_nodes: &BTreeMap<[i32; 3], LowerNode>,
@@ -189,9 +189,9 @@ impl Sections {
     pub fn spread(packed: &PackedGrid) -> Result<Option<(PackedGrid, Self)>, PackError> {
         let Some(found) = lower_nodes_of(packed) else { return Ok(None) };
         let leaves = PackedLeaves::of(packed);
-        let (lower_nodes, places) = placed(packed, &leaves, found);
+        let (lower_nodes, places) = place_leaves(packed, &leaves, found);
         let place_room = roomy(places.end(), 256);
-        let (samples, samples_of) = sampled(packed, &leaves, &lower_nodes, place_room);
+        let (samples, samples_of) = place_samples(packed, &leaves, &lower_nodes, place_room);
 
         let frame = Frame::around(&lower_nodes);
         let top = frame.top(&lower_nodes);
@@ -232,7 +232,7 @@ impl Sections {
         Ok(Some((spread, sections)))
     }
 
-    /// Copies a packed grid to where its parts are in these sections, into words that are all zero.
+    /// Copies the parts of a packed grid to their places in these sections. All `words` are zero before.
     fn copy_into(
         &self,
         words: &mut [u32],
