@@ -8,7 +8,8 @@ use bevy::platform::time::Instant;
 use bevy::prelude::*;
 
 /// The passes that volumes add to a view, in order.
-pub(crate) const PASSES: [&str; 12] = [
+pub(crate) const PASSES: [&str; 13] = [
+    "vdb_opacity",
     "vdb_cast",
     "vdb_fog_shadows",
     "vdb_light_cache",

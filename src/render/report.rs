@@ -2,7 +2,7 @@
 
 use bevy::platform::collections::HashMap;
 use bevy::prelude::*;
-use bevy::render::render_resource::Buffer;
+use bevy::render::render_resource::{Buffer, Texture};
 use bevy::render::sync_world::MainEntity;
 use bevy::render::texture::CachedTexture;
 use bevy::render::{Render, RenderApp, RenderSystems};
@@ -62,6 +62,7 @@ fn report(
             let on_meshes = OnMeshes {
                 casts,
                 opacity: shadows.opacity().filter(|_| casts),
+                fills_opacity: casts && shadows.fills_opacity(),
                 smoothed: smoothed.textures(view),
             };
             of_view(data, on_meshes, light, textures)
@@ -73,7 +74,8 @@ fn report(
 /// The resources that shadows of volumes on meshes use.
 struct OnMeshes<'a> {
     casts: bool,
-    opacity: Option<&'a CachedTexture>,
+    opacity: Option<&'a Texture>,
+    fills_opacity: bool,
     /// See [`SMOOTHED`].
     smoothed: Option<[&'a CachedTexture; 3]>,
 }
@@ -139,7 +141,7 @@ fn of_view(
         is_compiling: !prepared.is_ready || prepared.is_fallback,
         features: features(prepared),
         passes: passes(
-            [on_meshes.casts, on_meshes.smoothed.is_some()],
+            &on_meshes,
             (light, solve, trace, edges),
             (denoise, upscale),
             frames,
@@ -160,7 +162,7 @@ const EDGES: &str = "VdbQuality::edge_samples is more than 0, and a surface is i
 
 /// The passes that run, of [`PASSES`].
 fn passes(
-    [casts_shadows, smooths_shadows]: [bool; 2],
+    on_meshes: &OnMeshes,
     (light, solve, trace, edges): (&LightCacheView, &ScatteredLightView, &TraceView, &EdgesView),
     (denoise, upscale): (&DenoiseView, &UpscaleView),
     frames: u32,
@@ -170,8 +172,9 @@ fn passes(
     let lamps = light.lamp_light();
     let gathers = trace.lamp_light.as_ref().is_some_and(|own| own.is_due(lamps));
     let all: [(bool, &'static str); PASSES.len()] = [
-        (casts_shadows, "VdbCamera::mesh_shadows, and a light with shadow_maps_enabled"),
-        (smooths_shadows, "VdbQuality::denoise, and fog casts shadows on a mesh"),
+        (on_meshes.fills_opacity, "a fog that casts shadows on meshes, or its light, has changed"),
+        (on_meshes.casts, "VdbCamera::mesh_shadows, and a light with shadow_maps_enabled"),
+        (on_meshes.smoothed.is_some(), "VdbQuality::denoise, and fog casts shadows on a mesh"),
         (light.is_filled(), "a fog, its light or an occluder has changed"),
         (solve.is_solved(), "a fog or its light has changed"),
         (gathers, "lamps light a fog, and the camera or something in their light has moved"),
@@ -208,7 +211,7 @@ impl Buffers {
     fn add_on_meshes(&mut self, on_meshes: &OnMeshes) {
         if let Some(texture) = on_meshes.opacity {
             let why = "fog casts shadows on meshes, in maps that all cameras share";
-            self.push("vdb_opacity", bytes(texture), why);
+            self.push("vdb_opacity", texture_bytes(texture), why);
         }
         if let Some(textures) = on_meshes.smoothed {
             let why = "fog casts shadows on meshes";
@@ -291,8 +294,12 @@ impl Buffers {
 
 /// The size of a texture in bytes.
 fn bytes(texture: &CachedTexture) -> u64 {
-    let size = texture.texture.size();
-    let texel = texture.texture.format().block_copy_size(None).unwrap_or(0);
+    texture_bytes(&texture.texture)
+}
+
+fn texture_bytes(texture: &Texture) -> u64 {
+    let size = texture.size();
+    let texel = texture.format().block_copy_size(None).unwrap_or(0);
     u64::from(size.width)
         * u64::from(size.height)
         * u64::from(size.depth_or_array_layers)

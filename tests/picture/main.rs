@@ -42,6 +42,7 @@ mod modes;
 mod motion;
 mod need;
 mod normals;
+mod opacity_maps;
 mod pages;
 mod peer_ramps;
 mod peers;

@@ -286,7 +286,8 @@ pub fn gpu_times(
 ) -> String {
     // Several cameras have the same passes.
     let mut passes: BTreeSet<&'static str> = passes.collect();
-    let shadows = ["vdb_cast", "vdb_fog_shadows"].map(|pass| passes.take(pass).and_then(&ms));
+    let shadows = ["vdb_opacity", "vdb_cast", "vdb_fog_shadows"];
+    let shadows = shadows.map(|pass| passes.take(pass).and_then(&ms));
     let shadows_ms = shadows.into_iter().flatten().reduce(|a, b| a + b);
     let volumes_ms: f64 = passes.into_iter().filter_map(&ms).sum();
     let mut lines = String::new();

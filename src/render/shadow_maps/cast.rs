@@ -85,7 +85,7 @@ impl Cast {
                 if let LightEntity::Directional { light_entity, .. } = light {
                     suns.add(*light_entity, (caster, index), (eye, range));
                 } else {
-                    let wanted = Wanted::new(index, &caster.shown, (eye, light_range), range);
+                    let wanted = Wanted::new(index, caster, (eye, light_range), range);
                     self.opacity.extend(wanted);
                 }
             }
@@ -112,6 +112,17 @@ impl Cast {
             let (rays, world_from_view) = (&sun.rays, sun.world_from_view);
             self.fills.push(self.view(first, Eye { rays, world_from_view, size: sun.size }));
         }
+    }
+
+    /// The opacity maps: the views by whose rays they are filled, the volumes, and what identifies the fogs.
+    pub fn opacity_maps(&self) -> impl Iterator<Item = (&types::View, usize, u64)> {
+        self.opacity.iter().filter_map(|wanted| {
+            let view = self.fills.iter().find(|view| {
+                let first = view.volume_first as usize;
+                (first..first + view.volume_count as usize).contains(&wanted.volume)
+            })?;
+            Some((view, wanted.volume, wanted.content))
+        })
     }
 
     /// The uniform of a view that shows the volumes from one on.

@@ -1,6 +1,7 @@
 //! The volumes that cast shadows on meshes, and their data for each shadow map.
 
 use std::any::TypeId;
+use std::hash::{DefaultHasher, Hash, Hasher};
 
 use bevy::math::{DAffine3, DMat4, DVec3};
 use bevy::prelude::*;
@@ -18,6 +19,8 @@ pub(super) struct Caster<'a> {
     pub entity: MainEntity,
     pub volume: &'a ExtractedVolume,
     pub shown: Shown<'a>,
+    /// Identifies its voxels, ramp and custom material.
+    pub content: u64,
 }
 
 pub(super) fn is_parallel(clip_from_view: DMat4) -> bool {
@@ -48,13 +51,22 @@ pub(super) fn casters<'a>(volumes: &'a ExtractedVolumes, pool: &VdbTreePool) -> 
     let all = volumes.0.iter().filter(|(_, volume)| may_cast(volume));
     let mut casters: Vec<_> = all
         .filter_map(|(&entity, volume)| {
-            Some(Caster { entity, volume, shown: Shown::finest(volume, pool)? })
+            let shown = Shown::finest(volume, pool)?;
+            Some(Caster { entity, volume, shown, content: content(&shown, pool) })
         })
         .collect();
     casters.sort_unstable_by_key(|caster| {
         (!matches!(caster.volume.packed.kind, PackKind::Fog), caster.entity)
     });
     casters
+}
+
+fn content(shown: &Shown, pool: &VdbTreePool) -> u64 {
+    let ramp = shown.ramp().map(|ramp| ramp.content);
+    let material = shown.own_material().map(|own| own.content);
+    let mut hasher = DefaultHasher::new();
+    (pool.content(shown.key()), ramp, material).hash(&mut hasher);
+    hasher.finish()
 }
 
 fn may_cast(volume: &ExtractedVolume) -> bool {

@@ -9,14 +9,13 @@ use bevy::render::diagnostic::RecordDiagnostics;
 use bevy::render::render_resource::{
     BindGroup, BindGroupLayout, BufferInitDescriptor, BufferUsages, CachedComputePipelineId,
     CachedRenderPipelineId, ComputePassDescriptor, ComputePipeline, DynamicBindGroupEntries,
-    PipelineCache, RenderPassDescriptor, RenderPipeline, StoreOp, TextureView,
+    PipelineCache, RenderPassDescriptor, RenderPipeline, StoreOp, Texture, TextureView,
 };
 use bevy::render::renderer::{RenderContext, RenderDevice, ViewQuery};
-use bevy::render::texture::CachedTexture;
 
 use super::cast::Cast;
 use super::copies::Copies;
-use super::opacity::{OpacityTexture, Places};
+use super::opacity_texture::OpacityTexture;
 use super::pipeline::CastPipelines;
 use crate::render::gpu::{
     GROUP, MATERIALS_BINDING, PipelineFallback, RAMPS_BINDING, empty_layout, tiles, types,
@@ -56,8 +55,13 @@ impl CastShadows {
     }
 
     /// The texture of the opacity maps of fogs.
-    pub fn opacity(&self) -> Option<&CachedTexture> {
-        self.opacity.as_ref().map(|maps| &maps.texture.texture)
+    pub fn opacity(&self) -> Option<&Texture> {
+        self.opacity.as_ref().map(|maps| &maps.texture)
+    }
+
+    /// Whether opacity maps are filled in this frame.
+    pub fn fills_opacity(&self) -> bool {
+        !self.fills.is_empty()
     }
 
     /// Creates the copies of the maps that are drawn.
@@ -137,32 +141,37 @@ impl CastPipelineIds {
 
 /// The opacity maps of all fogs, and the bind groups by which they are filled and read.
 pub(super) struct OpacityMaps {
-    texture: OpacityTexture,
+    texture: Texture,
+    /// With the maps that have to be filled.
     fill: BindGroup,
     read: BindGroup,
 }
 
 impl OpacityMaps {
     pub fn new(
-        places: &Places,
-        texture: OpacityTexture,
+        (texture, view): (&Texture, &TextureView),
+        [missing, all]: [&[types::OpacityMap]; 2],
         pipelines: &CastPipelines,
         cache: &PipelineCache,
         device: &RenderDevice,
     ) -> Self {
-        let maps = device.create_buffer_with_data(&BufferInitDescriptor {
-            label: Some("vdb_opacity_maps"),
-            contents: bytemuck::cast_slice(&places.maps),
-            usage: BufferUsages::STORAGE,
-        });
+        let buffer = |maps| {
+            device.create_buffer_with_data(&BufferInitDescriptor {
+                label: Some("vdb_opacity_maps"),
+                contents: bytemuck::cast_slice(maps),
+                usage: BufferUsages::STORAGE,
+            })
+        };
         let [fill, read] =
             pipelines.opacity.each_ref().map(|layout| cache.get_bind_group_layout(layout));
-        let (maps, view) = (maps.as_entire_binding(), &texture.view);
-        let entries = DynamicBindGroupEntries::sequential((maps.clone(), view));
+        let maps = buffer(missing);
+        let entries = DynamicBindGroupEntries::sequential((maps.as_entire_binding(), view));
         let fill = device.create_bind_group("vdb_opacity", &fill, &entries);
+        let maps = buffer(all);
+        let maps = maps.as_entire_binding();
         let entries = DynamicBindGroupEntries::sequential((maps, view, &pipelines.sampler));
         let read = device.create_bind_group("vdb_cast_fog", &read, &entries);
-        Self { texture, fill, read }
+        Self { texture: texture.clone(), fill, read }
     }
 
     fn fill(
@@ -173,6 +182,9 @@ impl OpacityMaps {
     ) {
         let descriptor =
             ComputePassDescriptor { label: Some("vdb_opacity"), timestamp_writes: None };
+        let diagnostics = context.diagnostic_recorder();
+        let diagnostics = diagnostics.as_deref();
+        let span = diagnostics.time_span(context.command_encoder(), "vdb_opacity");
         let mut pass = context.command_encoder().begin_compute_pass(&descriptor);
         pass.set_pipeline(pipeline);
         pass.set_bind_group(0, &self.fill, &[]);
@@ -182,13 +194,15 @@ impl OpacityMaps {
             pass.set_bind_group(GROUP, &fill.bind_group, &[]);
             pass.dispatch_workgroups(groups.x, groups.y, fill.fogs);
         }
+        drop(pass);
+        span.end(context.command_encoder());
     }
 }
 
-/// Creates the bind groups of each map, and of the views that fill opacity maps.
+/// Creates the bind groups of each map, and of the views that fill these opacity maps.
 pub(super) fn draws(
     cast: Cast,
-    opacity_maps: &[types::OpacityMap],
+    missing: &[types::OpacityMap],
     (pool, ramps, materials): (&PoolBuffers, Option<&TextureView>, Option<&TextureView>),
     layout: &BindGroupLayout,
     device: &RenderDevice,
@@ -230,18 +244,18 @@ pub(super) fn draws(
         volumes: view.volume_count,
     };
     let fill = |view: &types::View| {
-        let sizes = opacity_maps[of_view(view)].iter().map(|map| UVec2::from(map.size));
+        let sizes = missing[of_view(view)].iter().map(|map| UVec2::from(map.size));
         let rays = sizes.fold(UVec2::ZERO, UVec2::max);
-        Fill { bind_group: bind(view), fogs: fogs(view), rays }
+        (rays != UVec2::ZERO).then(|| Fill { bind_group: bind(view), fogs: fogs(view), rays })
     };
-    (maps.iter().map(draw).collect(), fills.iter().map(fill).collect())
+    (maps.iter().map(draw).collect(), fills.iter().filter_map(fill).collect())
 }
 
 /// Copies the shadow maps of the view's lights, then draws volumes into them.
 pub(super) fn cast(
     view: ViewQuery<(Entity, &ViewLightEntities)>,
     maps: Query<&ShadowView>,
-    shadows: Res<CastShadows>,
+    (shadows, texture): (Res<CastShadows>, Res<OpacityTexture>),
     cache: Res<PipelineCache>,
     fallback: Res<PipelineFallback>,
     device: Res<RenderDevice>,
@@ -252,6 +266,16 @@ pub(super) fn cast(
         return;
     }
     let is_first = !shadows.shared_done.swap(true, Ordering::Relaxed);
+    let empty = cache.get_bind_group_layout(&empty_layout());
+    let empty = device.create_bind_group("vdb_empty", &empty, &[]);
+    let fill = shadows.pipelines.fill.and_then(|id| fallback.compute(&cache, id));
+    // All cameras share opacity maps.
+    if let (true, Some(fill), Some(opacity)) =
+        (is_first && shadows.fills_opacity(), fill, &shadows.opacity)
+    {
+        opacity.fill(&shadows.fills, (&fill, &empty), &mut context);
+        texture.set_filled();
+    }
     let diagnostics = context.diagnostic_recorder();
     let diagnostics = diagnostics.as_deref();
     let span = diagnostics.time_span(context.command_encoder(), "vdb_cast");
@@ -265,8 +289,6 @@ pub(super) fn cast(
             copies.draw(context, copy, own, is_first);
         }
     };
-    let empty = cache.get_bind_group_layout(&empty_layout());
-    let empty = device.create_bind_group("vdb_empty", &empty, &[]);
     let own_draws = || {
         let own = |draw: &&Draw| draw.camera.map_or(is_first, |own| own == camera);
         shadows.draws.iter().filter(own)
@@ -298,12 +320,7 @@ pub(super) fn cast(
     if let Some(fogless) = &shadows.fogless {
         copy_to(fogless, &mut context);
     }
-    let fill = shadows.pipelines.fill.and_then(|id| fallback.compute(&cache, id));
-    if let (Some(fill), Some(fogs), Some(opacity)) = (fill, &fogs, &shadows.opacity) {
-        // All cameras share opacity maps.
-        if is_first {
-            opacity.fill(&shadows.fills, (&fill, &empty), &mut context);
-        }
+    if let (Some(fogs), Some(opacity)) = (&fogs, &shadows.opacity) {
         draw(&mut context, (fogs, &opacity.read), |draw| 0..draw.fogs);
     }
     span.end(context.command_encoder());

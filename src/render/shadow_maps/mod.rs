@@ -7,6 +7,7 @@ mod casters;
 mod copies;
 mod draw;
 mod opacity;
+mod opacity_texture;
 mod pipeline;
 mod suns;
 
@@ -40,7 +41,8 @@ use cast::Cast;
 use casters::{casters, casts_for, denoises};
 use copies::Copies;
 use draw::{CastPipelineIds, OpacityMaps, cast, draws};
-use opacity::{OpacityTexture, Places};
+use opacity::Places;
+use opacity_texture::OpacityTexture;
 use pipeline::{CastKey, CastPipelines, MeshDepthPipeline};
 use suns::Suns;
 
@@ -55,6 +57,7 @@ impl Plugin for ShadowMapsPlugin {
         let Some(render_app) = app.get_sub_app_mut(RenderApp) else { return };
         render_app
             .init_gpu_resource::<CastShadows>()
+            .init_gpu_resource::<OpacityTexture>()
             .init_gpu_resource::<SpecializedRenderPipelines<CastPipelines>>()
             .init_gpu_resource::<SpecializedComputePipelines<CastPipelines>>()
             .init_gpu_resource::<SpecializedRenderPipelines<MeshDepthPipeline>>()
@@ -141,21 +144,22 @@ fn prepare_casters(
     (traced, bindings): (Query<&ViewState>, Query<&ViewShadowBindings>),
     mut pipelines: Pipelines,
     device: Res<RenderDevice>,
-    mut textures: ResMut<TextureCache>,
+    (mut textures, mut opacity): (ResMut<TextureCache>, ResMut<OpacityTexture>),
 ) {
     *shadows = default();
     *mesh_maps = default();
     let casters = casters(&volumes, &pool);
-    let Some(buffers) = pool.buffers().filter(|_| !casters.is_empty()) else { return };
     let cast = list_maps(&casters, &cameras, (&maps, &lamps), (*frame, &clip_planes));
-    if cast.maps.is_empty() {
-        return;
+    let has_fogs = cast.has(types::KIND_FOG);
+    if !has_fogs {
+        *opacity = default();
     }
+    let Some(buffers) = pool.buffers().filter(|_| !cast.maps.is_empty()) else { return };
     let materials = casters::fog_materials(&casters);
     let key = TraversalKey {
         features: Features::VOXELS.when(cast.has(types::KIND_SURFACE))
             | Features::SMOOTH.when(cast.has(types::KIND_SMOOTH))
-            | Features::FOG.when(cast.has(types::KIND_FOG))
+            | Features::FOG.when(has_fogs)
             | Features::WIDE_GRIDS.when(pool.has_wide_grids())
             | Features::RAMPS.when(cast.volumes.iter().any(|volume| volume.ramp != 0))
             | Features::FOG_MATERIALS.when(materials != 0)
@@ -197,12 +201,14 @@ fn prepare_casters(
     let layout = caster.layouts.of(buffers.is_paged(), key.features);
     let layout = cache.get_bind_group_layout(layout);
     let places = Places::new(&cast.opacity, cast.volumes.len());
-    if cast.has(types::KIND_FOG) {
-        let texture = OpacityTexture::new(places.size, &mut textures, &device);
-        shadows.opacity = Some(OpacityMaps::new(&places, texture, caster, cache, &device));
-    }
+    let missing = match has_fogs {
+        true => opacity.plan(&cast, &places, fallback.replaced(), &device),
+        false => Vec::new(),
+    };
+    let maps = [&missing[..], &places.maps];
+    shadows.opacity = opacity.get().map(|own| OpacityMaps::new(own, maps, caster, cache, &device));
     (shadows.draws, shadows.fills) =
-        draws(cast, &places.maps, (buffers, ramps, materials), &layout, &device);
+        draws(cast, &missing, (buffers, ramps, materials), &layout, &device);
 }
 
 /// The casters in each shadow map.

@@ -3,30 +3,20 @@
 
 use bevy::math::{DVec2, DVec3};
 use bevy::prelude::*;
-use bevy::render::render_resource::{
-    Extent3d, TextureDescriptor, TextureDimension, TextureFormat, TextureUsages, TextureView,
-    TextureViewDescriptor, TextureViewDimension,
-};
-use bevy::render::renderer::RenderDevice;
-use bevy::render::texture::{CachedTexture, TextureCache};
 
+use super::casters::Caster;
 use crate::render::gpu::{TILE, types};
 use crate::render::view::{Eye, Shown, TileRange};
 
-pub(super) const FORMAT: TextureFormat = TextureFormat::Rgba16Float;
-
-/// The layers of the texture: one for the ends of slices, and one for four slices each.
-const LAYERS: u32 = 9;
-
 /// The most rays of all maps together, which limits their memory: each takes 72 bytes. If voxels are so small that
 /// more would be needed, the rays of the largest maps are farther apart.
-const MAX_RAYS: f64 = (1 << 20) as f64;
+pub(super) const MAX_RAYS: f64 = (1 << 20) as f64;
 
 /// The least distance between rays, in texels of the shadow map: shadow map filtering hides anything finer.
 pub(super) const LEAST_SPACING: f64 = 2.0;
 
 /// The most rays along each axis of a map. With [`MAX_RAYS`], this keeps the texture within WebGPU's limits.
-const MAX_EDGE: f64 = 2048.0;
+pub(super) const MAX_EDGE: f64 = 2048.0;
 
 /// The least width and height of the texture.
 const LEAST_EDGE: u32 = 64;
@@ -41,12 +31,13 @@ pub(super) struct Wanted {
     pub high: DVec2,
     /// A point that stays where it is in the fog. Rays keep their distance from it when the corners move.
     pub anchor: DVec2,
-    /// The distance between rays if there is one for each voxel, and the least that is useful.
-    pub voxel: DVec2,
-    pub least: DVec2,
+    /// The distance between rays, as long as there are not too many: a voxel, or the least that is useful.
+    pub spacing: DVec2,
     /// The depths of the fog's box, as far as the light reaches.
     pub depths: [f64; 2],
     pub readers: Vec<Reader>,
+    /// Identifies what the fog consists of: see [`Caster::content`](super::casters::Caster::content).
+    pub content: u64,
 }
 
 /// A volume in a shadow map that reads an opacity map filled by another.
@@ -63,10 +54,11 @@ impl Wanted {
     /// `None` if the light does not reach it.
     pub fn new(
         volume: usize,
-        shown: &Shown,
+        caster: &Caster,
         (eye, light_range): (Eye, f64),
         range: TileRange,
     ) -> Option<Self> {
+        let shown = &caster.shown;
         let [near, far] = eye.depths(shown.world_from_index(), shown.index_box()?);
         (near < light_range).then(|| Self {
             volume,
@@ -74,16 +66,16 @@ impl Wanted {
             high: ((range.last + 1) * TILE).as_dvec2(),
             anchor: DVec2::ZERO,
             // Voxels cover the fewest texels where they are farthest.
-            voxel: voxel_edge(shown) / eye.pixel_edges(far),
-            least: DVec2::splat(LEAST_SPACING),
+            spacing: (voxel_edge(shown) / eye.pixel_edges(far)).max(DVec2::splat(LEAST_SPACING)),
             depths: [near, far.min(light_range)],
             readers: Vec::new(),
+            content: caster.content,
         })
     }
 
     /// The distance between rays.
     fn spacing(&self, factor: f64) -> DVec2 {
-        (factor * self.voxel.max(self.least)).min(self.high - self.low)
+        (factor * self.spacing).min(self.high - self.low)
     }
 
     /// The first ray, and the number of rays along each axis.
@@ -128,6 +120,12 @@ fn rounded(edge: u32) -> u32 {
     if edge <= power / 4 * 3 { power / 4 * 3 } else { power }.max(LEAST_EDGE)
 }
 
+/// The room for a map along an axis: a little more than it needs, so that the maps of fogs that change their size do
+/// not displace those of others in every frame.
+fn room(rays: u32) -> u32 {
+    rays.next_multiple_of((rays.next_power_of_two() / 16).max(1))
+}
+
 /// The shortest edge of a fog's voxels in world units.
 pub(super) fn voxel_edge(shown: &Shown) -> f64 {
     let axes = shown.world_from_index().matrix3;
@@ -153,18 +151,19 @@ impl Places {
             .into_iter()
             .zip(factors)
             .map(|(map, factor)| (map, factor, map.rays(factor)[1].as_uvec2()))
+            .map(|(map, factor, rays)| (map, factor, rays, UVec2::new(room(rays.x), room(rays.y))))
             .collect();
-        sized.sort_by_key(|(.., rays)| std::cmp::Reverse(rays.y));
-        let area: u32 = sized.iter().map(|(.., rays)| rays.element_product()).sum();
-        let widest = sized.iter().map(|(.., rays)| rays.x).max().unwrap_or_default();
+        sized.sort_by_key(|(.., room)| std::cmp::Reverse(room.y));
+        let area: u32 = sized.iter().map(|(.., room)| room.element_product()).sum();
+        let widest = sized.iter().map(|(.., room)| room.x).max().unwrap_or_default();
         let width = rounded(widest.max(area.isqrt()));
         let mut maps = vec![types::OpacityMap::default(); volumes];
         let (mut at, mut next_row) = (UVec2::ZERO, 0);
-        for (map, factor, rays) in sized {
-            if at.x + rays.x > width {
+        for (map, factor, rays, room) in sized {
+            if at.x + room.x > width {
                 at = UVec2::new(0, next_row);
             }
-            next_row = next_row.max(at.y + rays.y);
+            next_row = next_row.max(at.y + room.y);
             let own = |volume, origin: DVec3, scale: DVec3| {
                 let [first, _] = map.rays(factor);
                 let [t_first, t_last] = map.depths.map(|t| (origin.z + scale.z * t) as f32);
@@ -183,38 +182,9 @@ impl Places {
             for (volume, own) in all.chain([own(map.volume, DVec3::ZERO, DVec3::ONE)]) {
                 maps[volume] = own;
             }
-            at.x += rays.x;
+            at.x += room.x;
         }
         Self { maps, size: UVec2::new(width, rounded(next_row)) }
-    }
-}
-
-/// The texture of all maps.
-pub(super) struct OpacityTexture {
-    pub texture: CachedTexture,
-    pub view: TextureView,
-}
-
-impl OpacityTexture {
-    pub fn new(size: UVec2, textures: &mut TextureCache, device: &RenderDevice) -> Self {
-        let texture = textures.get(
-            device,
-            TextureDescriptor {
-                label: Some("vdb_opacity"),
-                size: Extent3d { width: size.x, height: size.y, depth_or_array_layers: LAYERS },
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: TextureDimension::D2,
-                format: FORMAT,
-                usage: TextureUsages::STORAGE_BINDING | TextureUsages::TEXTURE_BINDING,
-                view_formats: &[],
-            },
-        );
-        let view = texture.texture.create_view(&TextureViewDescriptor {
-            dimension: Some(TextureViewDimension::D2Array),
-            ..default()
-        });
-        Self { texture, view }
     }
 }
 
@@ -230,10 +200,10 @@ mod tests {
             low,
             high,
             anchor: DVec2::new(5.3, -2.1),
-            voxel: DVec2::splat(voxel),
-            least: DVec2::splat(LEAST_SPACING),
+            spacing: DVec2::splat(voxel.max(LEAST_SPACING)),
             depths: [1.0, 2.0],
             readers: Vec::new(),
+            content: 0,
         }
     }
 

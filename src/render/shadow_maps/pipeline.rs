@@ -15,7 +15,7 @@ use bevy::render::render_resource::{
 };
 use bevy::render::renderer::RenderDevice;
 
-use super::opacity;
+use super::opacity_texture;
 use crate::render::gpu::{SceneLayouts, Shaders, TraversalKey, empty_layout, storage_read};
 
 /// Draws volumes into a shadow map: surfaces by rays of its texels, and fogs by opacity maps, which a compute
@@ -44,7 +44,7 @@ impl CastPipelines {
             ShaderStages::COMPUTE,
             (
                 storage_read(),
-                texture_storage_2d_array(opacity::FORMAT, StorageTextureAccess::WriteOnly),
+                texture_storage_2d_array(opacity_texture::FORMAT, StorageTextureAccess::WriteOnly),
             ),
         );
         let read = BindGroupLayoutEntries::sequential(

@@ -4,12 +4,18 @@ use bevy::math::{DAffine3, DMat3, DMat4, DVec2, DVec3};
 use bevy::prelude::*;
 use vdb_core::view::ViewRays;
 
-use super::casters::{Caster, set_back};
-use super::opacity::{LEAST_SPACING, Reader, Wanted, voxel_edge};
+use super::casters::Caster;
+use super::opacity::{LEAST_SPACING, MAX_EDGE, MAX_RAYS, Reader, Wanted, voxel_edge};
 use crate::VdbQuality;
 use crate::asset::corners;
 use crate::render::gpu::{TILE, types};
 use crate::render::view::{Eye, TileRange, volume_data, world_corners};
+
+/// The most rays of a map that covers a whole fog, whatever cameras see of it.
+const MAX_WHOLE_RAYS: f64 = MAX_RAYS / 4.0;
+
+/// What cameras see of a larger one changes in blocks of this many rays along each axis.
+const SHOWN_BLOCK: f64 = 64.0;
 
 /// The fogs in the shadow maps of suns.
 #[derive(Default)]
@@ -84,49 +90,73 @@ pub(super) struct SunView {
 
 impl Sun<'_> {
     fn view(&self) -> Option<SunView> {
-        let all_corners = || self.fogs.iter().flat_map(|fog| world_corners(fog.caster.volume));
-        // Near the fogs, because rays are in 32-bit floats.
-        let origin = all_corners().next()?;
-        let world_from_view = DAffine3::from_mat3_translation(self.axes, origin);
+        let corners = self.fogs.iter().flat_map(|fog| world_corners(fog.caster.volume));
+        let places = corners.map(|at| self.axes.transpose() * at);
+        let origin = origin(places)?;
+        let world_from_view = DAffine3::from_mat3_translation(self.axes, self.axes * origin);
         // Texels are world units.
         let clip_from_view = DMat4::orthographic_rh(-1.0, 1.0, -1.0, 1.0, 1.0, 0.0);
         let size = UVec2::splat(2);
-        let (world_from_view, clip_from_view) =
-            set_back((world_from_view, clip_from_view), all_corners());
         let mut rays = ViewRays::new(clip_from_view)?;
         rays.t_near = 0.0;
         let eye = Eye { rays: &rays, world_from_view, size };
         let mut fogs = Vec::new();
-        for SeenFog { caster, seen } in &self.fogs {
-            let shown = &caster.shown;
-            let data = volume_data(caster.entity, shown, eye, &VdbQuality::default(), None);
-            let (Some(data), Some(bounds)) = (data, shown.index_box()) else { continue };
-            let readers: Vec<_> = seen.iter().map(|seen| seen.reader(eye)).collect();
-            let world = shown.world_from_index();
-            let places = corners(bounds).map(|at| place(eye, world.transform_point3(at)).xy());
-            let (low, high) = bounds_of(places);
-            let voxel = DVec2::splat(voxel_edge(shown));
-            let shown_range = readers.iter().zip(seen).flat_map(|(reader, seen)| {
-                let texels = [seen.range.first, seen.range.last + 1].map(|tile| tile * TILE);
-                texels.map(|texel| (texel.as_dvec2() - reader.origin.xy()) / reader.scale.xy())
-            });
-            let (shown_low, shown_high) = bounds_of(shown_range);
-            let least = readers.iter().map(|reader| LEAST_SPACING / reader.scale.xy().abs());
-            let wanted = Wanted {
-                volume: fogs.len(),
-                // One voxel beyond the box, where the fog stops no light, but no farther than what is shown.
-                low: (low - voxel).max(shown_low),
-                high: (high + voxel).min(shown_high),
-                anchor: place(eye, world.translation).xy(),
-                voxel,
-                least: least.reduce(DVec2::min).unwrap_or(voxel),
-                depths: eye.depths(world, bounds),
-                readers,
-            };
-            fogs.push((data, wanted));
+        for fog in &self.fogs {
+            let shown = &fog.caster.shown;
+            let data = volume_data(fog.caster.entity, shown, eye, &VdbQuality::default(), None);
+            let wanted = fog.wanted(fogs.len(), eye);
+            fogs.extend(data.zip(wanted));
         }
         (!fogs.is_empty()).then_some(SunView { rays, world_from_view, size, fogs })
     }
+}
+
+/// A point that is nearer to a sun than all others, and not far from them, because rays are in 32-bit floats; all in
+/// the axes of its rays. It is rounded so coarsely that it rarely moves when one of them does.
+fn origin(places: impl Iterator<Item = DVec3>) -> Option<DVec3> {
+    let all = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    let (low, high) = places.fold(all, |(low, high), at| (low.min(at), high.max(at)));
+    let unit = (high - low).max_element().log2().ceil().exp2();
+    let origin = (low.xy() / unit).floor().extend((high.z / unit).ceil()) * unit;
+    origin.is_finite().then_some(origin)
+}
+
+impl SeenFog<'_> {
+    /// The map of the fog, for a view from the sun in which its volume has this index.
+    fn wanted(&self, volume: usize, eye: Eye) -> Option<Wanted> {
+        let shown = &self.caster.shown;
+        let (bounds, world) = (shown.index_box()?, shown.world_from_index());
+        let readers: Vec<_> = self.seen.iter().map(|seen| seen.reader(eye)).collect();
+        let anchor = place(eye, world.translation).xy();
+        let voxel = voxel_edge(shown);
+        let least = readers.iter().map(|reader| LEAST_SPACING / reader.scale.xy().abs());
+        let least = least.map(DVec2::min_element).fold(f64::INFINITY, f64::min);
+        let spacing = DVec2::splat(voxel * steps_up_to(least / voxel));
+        let (low, high) =
+            bounds_of(corners(bounds).map(|at| place(eye, world.transform_point3(at)).xy()));
+        // One voxel beyond the box, where the fog stops no light.
+        let (mut low, mut high) = (low - voxel, high + voxel);
+        let rays = (high - low) / spacing;
+        if rays.element_product() > MAX_WHOLE_RAYS || rays.max_element() > MAX_EDGE {
+            let shown = readers.iter().zip(&self.seen).flat_map(|(reader, seen)| {
+                let texels = [seen.range.first, seen.range.last + 1].map(|tile| tile * TILE);
+                texels.map(|texel| (texel.as_dvec2() - reader.origin.xy()) / reader.scale.xy())
+            });
+            let (shown_low, shown_high) = bounds_of(shown);
+            let block = SHOWN_BLOCK * spacing;
+            low = low.max(anchor + ((shown_low - anchor) / block).floor() * block);
+            high = high.min(anchor + ((shown_high - anchor) / block).ceil() * block);
+        }
+        let depths = eye.depths(world, bounds);
+        let content = self.caster.content;
+        Some(Wanted { volume, low, high, anchor, spacing, depths, readers, content })
+    }
+}
+
+/// The largest power of √2 that is not more than a factor, and at least 1. Rays therefore stay where they are when the
+/// factor changes by rounding.
+fn steps_up_to(factor: f64) -> f64 {
+    (0.5 * (2.0 * factor.max(1.0).log2() + 1e-6).floor()).exp2()
 }
 
 impl Seen {
@@ -154,4 +184,41 @@ fn place(eye: Eye, world: DVec3) -> DVec3 {
 fn bounds_of(places: impl Iterator<Item = DVec2>) -> (DVec2, DVec2) {
     places
         .fold((DVec2::INFINITY, DVec2::NEG_INFINITY), |(low, high), at| (low.min(at), high.max(at)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_origin_is_near_the_fogs_and_rarely_moves() {
+        let size = DVec3::new(3.0, 5.0, 2.0);
+        let mut all = std::collections::BTreeSet::new();
+        for i in 0..1000 {
+            let low = DVec3::new(100.0, -20.0, 7.0) + f64::from(i) * DVec3::new(0.01, 0.003, -0.01);
+            let at = origin([low, low + size].into_iter()).unwrap();
+            let from = low - at;
+            assert!(from.xy().cmpge(DVec2::ZERO).all() && from.z + size.z <= 0.0, "{low} {at}");
+            assert!(from.abs().max_element() <= 16.0, "{low} {at}");
+            all.insert(at.to_array().map(f64::to_bits));
+        }
+        assert!(all.len() <= 6, "{}", all.len());
+        // Nothing has an extent, or there is nothing.
+        assert_eq!(origin([size, size].into_iter()), None);
+        assert_eq!(origin([].into_iter()), None);
+    }
+
+    #[test]
+    fn distances_of_rays_are_in_steps_of_root_two() {
+        for (factor, steps) in
+            [(0.3, 1.0), (1.4, 1.0), (1.5, 2.0_f64.sqrt()), (7.9, 32.0_f64.sqrt())]
+        {
+            assert!((steps_up_to(factor) - steps).abs() < 1e-12, "{factor}");
+        }
+        // Whichever way it is rounded.
+        for rounding in [-1e-9, 0.0, 1e-9] {
+            assert_eq!(steps_up_to(2.0 + rounding), 2.0);
+        }
+        assert_eq!(steps_up_to(f64::INFINITY), f64::INFINITY);
+    }
 }
