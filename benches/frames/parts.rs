@@ -32,8 +32,8 @@ pub fn run(args: &Args) -> Result<(), String> {
     let fast = VdbQuality { detail: 0.0, ..VdbQuality::FAST };
     studio.camera_mut().insert((Hdr, Msaa::Off, fast));
     studio.settle(1)?;
-    print_passes(&mut studio, args.frames, "fog all over the picture");
-    shade_a_room(&mut studio, args.frames)?;
+    print_passes(&mut studio, args.frames, "fog all over the picture", |_| {});
+    shade_a_room(&mut studio, args.frames, volume)?;
 
     studio.camera_mut().insert(VdbQuality { reflections: 1, ..VdbQuality::BALANCED });
     studio.app.world_mut().entity_mut(volume).insert((
@@ -57,6 +57,7 @@ pub fn run(args: &Args) -> Result<(), String> {
         &mut studio,
         args.frames,
         "a gyroid of gold, one of voxels, a fire, a floor of a mesh",
+        |_| {},
     );
 
     studio.camera_mut().insert(VdbMeasureFeatures);
@@ -80,7 +81,7 @@ pub fn run(args: &Args) -> Result<(), String> {
 }
 
 /// The same fog in a room: a mesh behind every pixel, much of it in the shadow of the fog.
-fn shade_a_room(studio: &mut Studio, frames: usize) -> Result<(), String> {
+fn shade_a_room(studio: &mut Studio, frames: usize, fog: Entity) -> Result<(), String> {
     let world = studio.app.world_mut();
     let room = world.resource_mut::<Assets<Mesh>>().add(Sphere::new(8.0).mesh().uv(128, 64));
     let inside = StandardMaterial { cull_mode: None, double_sided: true, ..default() };
@@ -90,19 +91,23 @@ fn shade_a_room(studio: &mut Studio, frames: usize) -> Result<(), String> {
         let fast = VdbQuality { detail: 0.0, denoise, ..VdbQuality::FAST };
         studio.camera_mut().insert(fast);
         studio.settle(1)?;
-        print_passes(studio, frames, what);
+        print_passes(studio, frames, what, |_| {});
     }
+    print_passes(studio, frames, "the same while the fog turns", |world| {
+        let mut fog = world.entity_mut(fog);
+        fog.get_mut::<Transform>().into_iter().for_each(|mut at| at.rotate_y(0.01));
+    });
     studio.app.world_mut().despawn(room);
     Ok(())
 }
 
-/// Medians of the passes, the dearest first.
-fn print_passes(studio: &mut Studio, frames: usize, what: &str) {
+/// Medians of the passes, the dearest first, of frames before each of which something changes.
+fn print_passes(studio: &mut Studio, frames: usize, what: &str, change: impl Fn(&mut World)) {
     let start = Instant::now();
     // Of each pass when it was last timed, and all times.
     let mut times = BTreeMap::<String, (Instant, Vec<f64>)>::new();
     for _ in 0..frames {
-        studio.frames(1);
+        studio.frames_after(1, |studio| change(studio.app.world_mut()));
         for diagnostic in studio.app.world().resource::<DiagnosticsStore>().iter() {
             let path = diagnostic.path().as_str();
             let pass =

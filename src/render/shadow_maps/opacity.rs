@@ -194,7 +194,7 @@ mod tests {
 
     use super::*;
 
-    fn wanted(volume: usize, low: DVec2, high: DVec2, voxel: f64) -> Wanted {
+    fn wanted_map(volume: usize, low: DVec2, high: DVec2, voxel: f64) -> Wanted {
         Wanted {
             volume,
             low,
@@ -216,7 +216,7 @@ mod tests {
                 .map(|i| {
                     let low = DVec2::new(random.unit(), random.unit()) * 1000.0 - 300.0;
                     let extent = DVec2::new(random.unit(), random.unit()) * 2000.0 + 1.0;
-                    wanted(i, low, low + extent, random.unit() * 20.0)
+                    wanted_map(i, low, low + extent, random.unit() * 20.0)
                 })
                 .collect();
             let places = Places::new(&wanted, maps);
@@ -245,7 +245,7 @@ mod tests {
         let side = DVec2::splat(2048.0);
         let at_zero = |volume, voxel| Wanted {
             anchor: DVec2::ZERO,
-            ..wanted(volume, DVec2::ZERO, side, voxel)
+            ..wanted_map(volume, DVec2::ZERO, side, voxel)
         };
         let places = |voxel| Places::new(&[at_zero(0, voxel)], 1).maps[0];
         assert_eq!((places(16.0).spacing, places(16.0).size), ([16.0; 2], [129; 2]));
@@ -254,13 +254,13 @@ mod tests {
         // However large a voxel, there are two rays along each axis.
         assert_eq!(places(1e9).size, [2; 2]);
         // Large maps leave small ones what they want.
-        let small = wanted(4, DVec2::ZERO, side / 64.0, 2.0);
+        let small = wanted_map(4, DVec2::ZERO, side / 64.0, 2.0);
         let all: Vec<_> = (0..4).map(|i| at_zero(i, 1.0)).chain([small]).collect();
         let maps = Places::new(&all, 5).maps;
         assert_eq!(maps[4].spacing, [2.0; 2]);
         assert!(maps[0].spacing[0] > 4.0, "{:?}", maps[0]);
         // What a light does not show needs no place.
-        let empty = wanted(0, side, side, 1.0);
+        let empty = wanted_map(0, side, side, 1.0);
         assert_eq!(Places::new(&[empty], 1).maps[0].size, [0; 2]);
         // Another shadow map reads the same rays, in texels half as large and at other depths.
         let mut shared = at_zero(1, 16.0);
@@ -275,6 +275,27 @@ mod tests {
         assert_eq!((read.origin, read.size), (filled.origin, filled.size));
     }
 
+    /// A map that becomes slightly larger does not displace others, which would have to be filled again.
+    #[test]
+    fn maps_keep_their_places_while_others_grow() {
+        let places = |extent: f64| {
+            let extents = [400.0, 300.0 + extent, 200.0, 100.0];
+            let wanted = extents.into_iter().enumerate();
+            let wanted =
+                wanted.map(|(i, edge)| wanted_map(i, DVec2::ZERO, DVec2::splat(edge), 1.0));
+            Places::new(&wanted.collect::<Vec<_>>(), 4)
+        };
+        let first = places(0.0);
+        for extent in [-8.0, -3.0, 3.0] {
+            let now = places(extent);
+            assert_eq!(now.size, first.size);
+            assert_ne!(now.maps[1].size, first.maps[1].size);
+            for i in [0, 2, 3] {
+                assert_eq!(now.maps[i], first.maps[i], "{i}, {extent}");
+            }
+        }
+    }
+
     /// While what is shown of a fog moves and grows, its rays stay where they are in it.
     #[test]
     fn rays_stay_where_they_are() {
@@ -283,7 +304,7 @@ mod tests {
         for i in 0..100 {
             let low = DVec2::splat(f64::from(i) * -7.77);
             let high = DVec2::splat(2080.0 + f64::from(i) * 1.37);
-            let map = Places::new(&[Wanted { anchor, ..wanted(0, low, high, 3.0) }], 1).maps[0];
+            let map = Places::new(&[Wanted { anchor, ..wanted_map(0, low, high, 3.0) }], 1).maps[0];
             let steps = (Vec2::from(map.first_texel) - anchor.as_vec2()) / Vec2::from(map.spacing);
             assert!((steps - steps.round()).abs().max_element() < 1e-3, "{map:?}");
             all.insert(map.spacing[0].to_bits());
