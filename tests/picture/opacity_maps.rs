@@ -72,24 +72,24 @@ impl Clouds {
     }
 
     /// Replaces the voxels in the middle of the first cloud.
-    fn edit(&mut self) {
+    fn edit(&mut self, value: f32) {
         let world = self.scene.stage.world();
         let handle = world.get::<VdbVolume>(self.clouds[0]).expect("a volume").0.clone();
         let mut grids = world.resource_mut::<Assets<VdbGrid>>();
         let part = CoordBox { min: IVec3::splat(-8), max: IVec3::splat(8) };
-        let dense = |_, _| VdbVoxel { value: 3.0, active: true };
-        grids.get_mut(&handle).expect("a grid").edit(|voxels| voxels.update(part, dense)).unwrap();
+        let even = |_, _| VdbVoxel { value, active: true };
+        grids.get_mut(&handle).expect("a grid").edit(|voxels| voxels.update(part, even)).unwrap();
     }
 }
 
-fn ramp() -> VdbRamp {
+fn ramp(extinction: f32) -> VdbRamp {
     let stop = |value, extinction| VdbRampStop {
         value,
         extinction,
         color: Color::BLACK,
         emission: LinearRgba::BLACK,
     };
-    VdbRamp::new([stop(0.0, 0.0), stop(0.5, 3.0), stop(1.0, 0.5)])
+    VdbRamp::new([stop(0.0, 0.0), stop(0.5, extinction), stop(1.0, 0.5)])
 }
 
 /// What changes in a scene, and whether an opacity map shows it.
@@ -100,7 +100,7 @@ fn opacity_maps_are_filled_when_what_they_show_changes() {
     let mut clouds = Clouds::new();
     let mut before = clouds.picture("first");
     assert_eq!(clouds.fills(1), 0, "nothing has changed");
-    let changes: [Change; 12] = [
+    let changes: [Change; 14] = [
         ("camera turns", false, |clouds| {
             let camera = clouds.scene.camera;
             clouds.place(camera, |at| at.rotate_y(0.1));
@@ -121,7 +121,8 @@ fn opacity_maps_are_filled_when_what_they_show_changes() {
             let cloud = clouds.clouds[1];
             clouds.place(cloud, |at| at.rotate_x(1.0));
         }),
-        ("voxels change", true, Clouds::edit),
+        ("voxels change", true, |clouds| clouds.edit(3.0)),
+        ("voxels change again", true, |clouds| clouds.edit(1.0)),
         ("density", true, |clouds| {
             let cloud = clouds.clouds[0];
             let mut material = clouds.scene.stage.world().get_mut::<VdbMaterial>(cloud);
@@ -140,7 +141,10 @@ fn opacity_maps_are_filled_when_what_they_show_changes() {
             clouds.scene.stage.world().entity_mut(clouds.clouds[0]).insert(VdbVolume(grid));
         }),
         ("ramp", true, |clouds| {
-            clouds.scene.stage.world().entity_mut(clouds.clouds[0]).insert(ramp());
+            clouds.scene.stage.world().entity_mut(clouds.clouds[0]).insert(ramp(3.0));
+        }),
+        ("other ramp", true, |clouds| {
+            clouds.scene.stage.world().entity_mut(clouds.clouds[0]).insert(ramp(1.0));
         }),
         ("clip plane", true, |clouds| {
             let at = Transform::from_xyz(0.3, 0.0, 0.0).with_rotation(Quat::from_rotation_z(0.5));
@@ -159,5 +163,18 @@ fn opacity_maps_are_filled_when_what_they_show_changes() {
         let differ = after.pixels.iter().zip(&anew.pixels).filter(|(a, b)| a != b).count();
         assert_eq!(differ, 0, "{name}: pixels that differ if all maps are filled");
         before = after;
+    }
+}
+
+/// Whatever part of the clouds is within reach of its shadow maps, whose texels are smaller than voxels.
+#[gpu_test]
+fn no_opacity_map_is_filled_while_a_camera_flies() {
+    let mut clouds = Clouds::new();
+    clouds.scene.stage.world().insert_resource(DirectionalLightShadowMap { size: 512 });
+    clouds.picture("flight");
+    let camera = clouds.scene.camera;
+    for step in 0..22 {
+        clouds.place(camera, |at| at.translation *= 1.06);
+        assert_eq!(clouds.fills(1), 0, "step {step}");
     }
 }
