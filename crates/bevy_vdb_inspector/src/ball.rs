@@ -89,7 +89,7 @@ fn draw(ui: &egui::Ui, center: egui::Pos2, to_light: Vec3, response: &egui::Resp
     let rim = if response.has_focus() {
         ui.visuals().selection.stroke
     } else {
-        egui::Stroke::new(1.0, visuals.bg_stroke.color)
+        egui::Stroke::new(1.0_f32, visuals.bg_stroke.color)
     };
     painter.circle_stroke(center, RADIUS, rim);
     // The light: a dot if it is in front of the ball, a ring if it is behind.
@@ -97,7 +97,7 @@ fn draw(ui: &egui::Ui, center: egui::Pos2, to_light: Vec3, response: &egui::Resp
     if to_light.z >= 0.0 {
         painter.circle_filled(place(to_light), 4.0, color);
     } else {
-        painter.circle_stroke(place(to_light), 4.0, egui::Stroke::new(1.5, color));
+        painter.circle_stroke(place(to_light), 4.0, egui::Stroke::new(1.5_f32, color));
     }
 }
 

@@ -158,7 +158,7 @@ impl Bar<'_> {
             painter.galley(egui::pos2(left, track.bottom() + 1.0), text, visuals.text_color());
         }
         if let Some(shown) = self.status.frame().filter(|shown| *shown != now) {
-            let stroke = egui::Stroke::new(1.0, HEAD.gamma_multiply(0.5));
+            let stroke = egui::Stroke::new(1.0_f32, HEAD.gamma_multiply(0.5));
             painter.vline(scale.middle(shown), track.y_range(), stroke);
         }
         let head = scale.slot_of(now);
@@ -167,7 +167,7 @@ impl Bar<'_> {
             let rect = egui::Rect::from_x_y_ranges(head, track.y_range());
             painter.rect_filled(rect, 2.0, HEAD.gamma_multiply(0.35));
         }
-        painter.vline(middle, track.y_range(), egui::Stroke::new(2.0, HEAD));
+        painter.vline(middle, track.y_range(), egui::Stroke::new(2.0_f32, HEAD));
         let tip = [
             egui::pos2(middle - 5.0, track.top()),
             egui::pos2(middle + 5.0, track.top()),
