@@ -101,7 +101,7 @@ fn shade_a_room(studio: &mut Studio, frames: usize, fog: Entity) -> Result<(), S
     Ok(())
 }
 
-/// Medians of the passes, the dearest first, of frames before each of which something changes.
+/// Medians of the passes, the dearest first. `change` is called before each frame.
 fn print_passes(studio: &mut Studio, frames: usize, what: &str, change: impl Fn(&mut World)) {
     let start = Instant::now();
     // Of each pass when it was last timed, and all times.

@@ -26,7 +26,7 @@ mod vector_grid;
 use bevy::prelude::*;
 
 pub use common::VdbGridError;
-pub(crate) use common::{corners, index_bounds};
+pub(crate) use common::{bounds_of, corners, index_bounds};
 pub use cooker::{VdbCookSettings, VdbCooker};
 pub use error::VdbLoaderError;
 pub use file::VdbFile;

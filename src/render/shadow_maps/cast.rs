@@ -1,5 +1,7 @@
 //! What is drawn into shadow maps, as shaders read it.
 
+use std::ops::Range;
+
 use bevy::camera::visibility::RenderLayers;
 use bevy::math::DMat4;
 use bevy::pbr::LightEntity;
@@ -117,10 +119,8 @@ impl Cast {
     /// The opacity maps: the views by whose rays they are filled, the volumes, and what identifies the fogs.
     pub fn opacity_maps(&self) -> impl Iterator<Item = (&types::View, usize, u64)> {
         self.opacity.iter().filter_map(|wanted| {
-            let view = self.fills.iter().find(|view| {
-                let first = view.volume_first as usize;
-                (first..first + view.volume_count as usize).contains(&wanted.volume)
-            })?;
+            let mut views = self.fills.iter();
+            let view = views.find(|view| volumes_of(view).contains(&wanted.volume))?;
             Some((view, wanted.volume, wanted.content))
         })
     }
@@ -136,4 +136,10 @@ impl Cast {
             ..view_data(eye.rays, eye.world_from_view, &ExtractedSuns::default())
         }
     }
+}
+
+/// The indices of the volumes in a view.
+pub(super) fn volumes_of(view: &types::View) -> Range<usize> {
+    let first = view.volume_first as usize;
+    first..first + view.volume_count as usize
 }

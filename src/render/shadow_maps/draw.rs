@@ -13,7 +13,7 @@ use bevy::render::render_resource::{
 };
 use bevy::render::renderer::{RenderContext, RenderDevice, ViewQuery};
 
-use super::cast::Cast;
+use super::cast::{Cast, volumes_of};
 use super::copies::Copies;
 use super::opacity_texture::OpacityTexture;
 use super::pipeline::CastPipelines;
@@ -142,15 +142,15 @@ impl CastPipelineIds {
 /// The opacity maps of all fogs, and the bind groups by which they are filled and read.
 pub(super) struct OpacityMaps {
     texture: Texture,
-    /// With the maps that have to be filled.
-    fill: BindGroup,
+    /// With the maps that have to be filled, if there are any.
+    fill: Option<BindGroup>,
     read: BindGroup,
 }
 
 impl OpacityMaps {
     pub fn new(
         (texture, view): (&Texture, &TextureView),
-        [missing, all]: [&[types::OpacityMap]; 2],
+        (missing, all): (Option<&[types::OpacityMap]>, &[types::OpacityMap]),
         pipelines: &CastPipelines,
         cache: &PipelineCache,
         device: &RenderDevice,
@@ -164,9 +164,11 @@ impl OpacityMaps {
         };
         let [fill, read] =
             pipelines.opacity.each_ref().map(|layout| cache.get_bind_group_layout(layout));
-        let maps = buffer(missing);
-        let entries = DynamicBindGroupEntries::sequential((maps.as_entire_binding(), view));
-        let fill = device.create_bind_group("vdb_opacity", &fill, &entries);
+        let fill = missing.map(|missing| {
+            let maps = buffer(missing);
+            let entries = DynamicBindGroupEntries::sequential((maps.as_entire_binding(), view));
+            device.create_bind_group("vdb_opacity", &fill, &entries)
+        });
         let maps = buffer(all);
         let maps = maps.as_entire_binding();
         let entries = DynamicBindGroupEntries::sequential((maps, view, &pipelines.sampler));
@@ -180,6 +182,7 @@ impl OpacityMaps {
         (pipeline, empty): (&ComputePipeline, &BindGroup),
         context: &mut RenderContext,
     ) {
+        let Some(own) = &self.fill else { return };
         let descriptor =
             ComputePassDescriptor { label: Some("vdb_opacity"), timestamp_writes: None };
         let diagnostics = context.diagnostic_recorder();
@@ -187,7 +190,7 @@ impl OpacityMaps {
         let span = diagnostics.time_span(context.command_encoder(), "vdb_opacity");
         let mut pass = context.command_encoder().begin_compute_pass(&descriptor);
         pass.set_pipeline(pipeline);
-        pass.set_bind_group(0, &self.fill, &[]);
+        pass.set_bind_group(0, own, &[]);
         pass.set_bind_group(1, empty, &[]);
         for fill in fills {
             let groups = tiles(fill.rays);
@@ -228,12 +231,8 @@ pub(super) fn draws(
         }
         device.create_bind_group("vdb_cast", layout, &entries)
     };
-    let of_view = |view: &types::View| {
-        let first = view.volume_first as usize;
-        first..first + view.volume_count as usize
-    };
     let fogs = |view: &types::View| {
-        let own = &all[of_view(view)];
+        let own = &all[volumes_of(view)];
         own.iter().filter(|volume| volume.kind == types::KIND_FOG).count() as u32
     };
     let draw = |(camera, map, view): &(_, _, types::View)| Draw {
@@ -244,7 +243,7 @@ pub(super) fn draws(
         volumes: view.volume_count,
     };
     let fill = |view: &types::View| {
-        let sizes = missing[of_view(view)].iter().map(|map| UVec2::from(map.size));
+        let sizes = missing[volumes_of(view)].iter().map(|map| UVec2::from(map.size));
         let rays = sizes.fold(UVec2::ZERO, UVec2::max);
         (rays != UVec2::ZERO).then(|| Fill { bind_group: bind(view), fogs: fogs(view), rays })
     };
@@ -270,8 +269,8 @@ pub(super) fn cast(
     let empty = device.create_bind_group("vdb_empty", &empty, &[]);
     let fill = shadows.pipelines.fill.and_then(|id| fallback.compute(&cache, id));
     // All cameras share opacity maps.
-    if let (true, Some(fill), Some(opacity)) =
-        (is_first && shadows.fills_opacity(), fill, &shadows.opacity)
+    if let (Some(fill), Some(opacity)) = (fill, &shadows.opacity)
+        && is_first
     {
         opacity.fill(&shadows.fills, (&fill, &empty), &mut context);
         texture.set_filled();

@@ -205,10 +205,10 @@ fn prepare_casters(
         true => opacity.plan(&cast, &places, fallback.replaced(), &device),
         false => Vec::new(),
     };
-    let maps = [&missing[..], &places.maps];
-    shadows.opacity = opacity.get().map(|own| OpacityMaps::new(own, maps, caster, cache, &device));
     (shadows.draws, shadows.fills) =
         draws(cast, &missing, (buffers, ramps, materials), &layout, &device);
+    let maps = (shadows.fills_opacity().then_some(&missing[..]), &places.maps[..]);
+    shadows.opacity = opacity.get().map(|own| OpacityMaps::new(own, maps, caster, cache, &device));
 }
 
 /// The casters in each shadow map.
@@ -219,6 +219,9 @@ fn list_maps(
     (frame, clip_planes): (FrameCount, &ExtractedClipPlanes),
 ) -> Cast {
     let mut cast = Cast::new(clip_planes);
+    if casters.is_empty() {
+        return cast;
+    }
     let mut suns = Suns::default();
     let mut wanted = false;
     for (camera, (settings, quality), visible, layers, lights, jitter) in cameras {

@@ -16,7 +16,7 @@ pub(super) const MAX_RAYS: f64 = (1 << 20) as f64;
 pub(super) const LEAST_SPACING: f64 = 2.0;
 
 /// The most rays along each axis of a map. With [`MAX_RAYS`], this keeps the texture within WebGPU's limits.
-pub(super) const MAX_EDGE: f64 = 2048.0;
+const MAX_EDGE: f64 = 2048.0;
 
 /// The least width and height of the texture.
 const LEAST_EDGE: u32 = 64;
@@ -88,15 +88,17 @@ impl Wanted {
     /// The smallest factor, in steps of √2 so that rays rarely move, that keeps the number of rays within
     /// `most_rays`, and within [`MAX_EDGE`] on each axis.
     fn factor(&self, most_rays: f64) -> f64 {
-        let fits = |factor: f64| {
-            let [_, rays] = self.rays(factor);
-            rays.max_element() <= MAX_EDGE && rays.element_product() <= most_rays
-        };
         let mut factor = 1.0;
-        while !fits(factor) && factor < 1e6 {
+        while !self.fits(factor, most_rays) && factor < 1e6 {
             factor *= std::f64::consts::SQRT_2;
         }
         factor
+    }
+
+    /// Whether a map has at most this many rays, and at most [`MAX_EDGE`] on each axis.
+    pub fn fits(&self, factor: f64, most_rays: f64) -> bool {
+        let [_, rays] = self.rays(factor);
+        rays.max_element() <= MAX_EDGE && rays.element_product() <= most_rays
     }
 }
 

@@ -5,9 +5,9 @@ use bevy::prelude::*;
 use vdb_core::view::ViewRays;
 
 use super::casters::Caster;
-use super::opacity::{LEAST_SPACING, MAX_EDGE, MAX_RAYS, Reader, Wanted, voxel_edge};
+use super::opacity::{LEAST_SPACING, MAX_RAYS, Reader, Wanted, voxel_edge};
 use crate::VdbQuality;
-use crate::asset::corners;
+use crate::asset::{bounds_of, corners};
 use crate::render::gpu::{TILE, types};
 use crate::render::view::{Eye, TileRange, volume_data, world_corners};
 
@@ -91,8 +91,7 @@ pub(super) struct SunView {
 impl Sun<'_> {
     fn view(&self) -> Option<SunView> {
         let corners = self.fogs.iter().flat_map(|fog| world_corners(fog.caster.volume));
-        let places = corners.map(|at| self.axes.transpose() * at);
-        let origin = origin(places)?;
+        let origin = origin(bounds_of(corners.map(|at| self.axes.transpose() * at)))?;
         let world_from_view = DAffine3::from_mat3_translation(self.axes, self.axes * origin);
         // Texels are world units.
         let clip_from_view = DMat4::orthographic_rh(-1.0, 1.0, -1.0, 1.0, 1.0, 0.0);
@@ -111,11 +110,9 @@ impl Sun<'_> {
     }
 }
 
-/// A point that is nearer to a sun than all others, and not far from them, because rays are in 32-bit floats; all in
-/// the axes of its rays. It is rounded so coarsely that it rarely moves when one of them does.
-fn origin(places: impl Iterator<Item = DVec3>) -> Option<DVec3> {
-    let all = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    let (low, high) = places.fold(all, |(low, high), at| (low.min(at), high.max(at)));
+/// The origin of a view from a sun, whose rays begin in front of a box; both in the axes of the rays. It is not far from
+/// the box, because rays are in 32-bit floats, and rounded so coarsely that it rarely moves when the box does.
+fn origin((low, high): (DVec3, DVec3)) -> Option<DVec3> {
     let unit = (high - low).max_element().log2().ceil().exp2();
     let origin = (low.xy() / unit).floor().extend((high.z / unit).ceil()) * unit;
     origin.is_finite().then_some(origin)
@@ -127,35 +124,42 @@ impl SeenFog<'_> {
         let shown = &self.caster.shown;
         let (bounds, world) = (shown.index_box()?, shown.world_from_index());
         let readers: Vec<_> = self.seen.iter().map(|seen| seen.reader(eye)).collect();
-        let anchor = place(eye, world.translation).xy();
         let voxel = voxel_edge(shown);
         let least = readers.iter().map(|reader| LEAST_SPACING / reader.scale.xy().abs());
         let least = least.map(DVec2::min_element).fold(f64::INFINITY, f64::min);
-        let spacing = DVec2::splat(voxel * steps_up_to(least / voxel));
         let (low, high) =
-            bounds_of(corners(bounds).map(|at| place(eye, world.transform_point3(at)).xy()));
-        // One voxel beyond the box, where the fog stops no light.
-        let (mut low, mut high) = (low - voxel, high + voxel);
-        let rays = (high - low) / spacing;
-        if rays.element_product() > MAX_WHOLE_RAYS || rays.max_element() > MAX_EDGE {
-            let shown = readers.iter().zip(&self.seen).flat_map(|(reader, seen)| {
+            bounds_of(corners(bounds).map(|at| place(eye, world.transform_point3(at))));
+        let mut wanted = Wanted {
+            volume,
+            // One voxel beyond the box, where the fog stops no light.
+            low: low.xy() - voxel,
+            high: high.xy() + voxel,
+            anchor: place(eye, world.translation).xy(),
+            spacing: DVec2::splat(voxel * in_steps_of_root_two(least / voxel)),
+            depths: eye.depths(world, bounds),
+            readers,
+            content: self.caster.content,
+        };
+        if !wanted.fits(1.0, MAX_WHOLE_RAYS) {
+            let shown = wanted.readers.iter().zip(&self.seen).flat_map(|(reader, seen)| {
                 let texels = [seen.range.first, seen.range.last + 1].map(|tile| tile * TILE);
-                texels.map(|texel| (texel.as_dvec2() - reader.origin.xy()) / reader.scale.xy())
+                let texels = texels.map(|texel| texel.as_dvec2().extend(0.0));
+                texels.map(|texel| (texel - reader.origin) / reader.scale)
             });
-            let (shown_low, shown_high) = bounds_of(shown);
-            let block = SHOWN_BLOCK * spacing;
-            low = low.max(anchor + ((shown_low - anchor) / block).floor() * block);
-            high = high.min(anchor + ((shown_high - anchor) / block).ceil() * block);
+            let (low, high) = bounds_of(shown);
+            let (anchor, block) = (wanted.anchor, SHOWN_BLOCK * wanted.spacing);
+            let low = anchor + ((low.xy() - anchor) / block).floor() * block;
+            let high = anchor + ((high.xy() - anchor) / block).ceil() * block;
+            wanted.low = wanted.low.max(low);
+            wanted.high = wanted.high.min(high);
         }
-        let depths = eye.depths(world, bounds);
-        let content = self.caster.content;
-        Some(Wanted { volume, low, high, anchor, spacing, depths, readers, content })
+        Some(wanted)
     }
 }
 
 /// The largest power of √2 that is not more than a factor, and at least 1. Rays therefore stay where they are when the
 /// factor changes by rounding.
-fn steps_up_to(factor: f64) -> f64 {
+fn in_steps_of_root_two(factor: f64) -> f64 {
     (0.5 * (2.0 * factor.max(1.0).log2() + 1e-6).floor()).exp2()
 }
 
@@ -181,11 +185,6 @@ fn place(eye: Eye, world: DVec3) -> DVec3 {
     ((0.5 + 0.5 * ndc * DVec2::new(1.0, -1.0)) * eye.size.as_dvec2()).extend(-at.z)
 }
 
-fn bounds_of(places: impl Iterator<Item = DVec2>) -> (DVec2, DVec2) {
-    places
-        .fold((DVec2::INFINITY, DVec2::NEG_INFINITY), |(low, high), at| (low.min(at), high.max(at)))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -196,7 +195,7 @@ mod tests {
         let mut all = std::collections::BTreeSet::new();
         for i in 0..1000 {
             let low = DVec3::new(100.0, -20.0, 7.0) + f64::from(i) * DVec3::new(0.01, 0.003, -0.01);
-            let at = origin([low, low + size].into_iter()).unwrap();
+            let at = origin((low, low + size)).unwrap();
             let from = low - at;
             assert!(from.xy().cmpge(DVec2::ZERO).all() && from.z + size.z <= 0.0, "{low} {at}");
             assert!(from.abs().max_element() <= 16.0, "{low} {at}");
@@ -204,8 +203,8 @@ mod tests {
         }
         assert!(all.len() <= 6, "{}", all.len());
         // Nothing has an extent, or there is nothing.
-        assert_eq!(origin([size, size].into_iter()), None);
-        assert_eq!(origin([].into_iter()), None);
+        assert_eq!(origin((size, size)), None);
+        assert_eq!(origin(bounds_of([].into_iter())), None);
     }
 
     #[test]
@@ -213,12 +212,12 @@ mod tests {
         for (factor, steps) in
             [(0.3, 1.0), (1.4, 1.0), (1.5, 2.0_f64.sqrt()), (7.9, 32.0_f64.sqrt())]
         {
-            assert!((steps_up_to(factor) - steps).abs() < 1e-12, "{factor}");
+            assert!((in_steps_of_root_two(factor) - steps).abs() < 1e-12, "{factor}");
         }
         // Whichever way it is rounded.
         for rounding in [-1e-9, 0.0, 1e-9] {
-            assert_eq!(steps_up_to(2.0 + rounding), 2.0);
+            assert_eq!(in_steps_of_root_two(2.0 + rounding), 2.0);
         }
-        assert_eq!(steps_up_to(f64::INFINITY), f64::INFINITY);
+        assert_eq!(in_steps_of_root_two(f64::INFINITY), f64::INFINITY);
     }
 }
