@@ -137,8 +137,7 @@ export class Renderer {
 
   // The pipeline for a kind of volumes.
   async compile(kind, isWide) {
-    const inStep = kind === "smooth" && this.isSoftware ? "-in-step" : "";
-    const name = `${kind}${inStep}${isWide ? "-wide" : ""}`;
+    const name = `${kind}${isWide ? "-wide" : ""}`;
     if (!this.#pipelines.has(name)) {
       const layout = this.#device.createPipelineLayout({ bindGroupLayouts: this.#layouts });
       const module = await this.#module(name);

@@ -1,8 +1,8 @@
 // Cubics: along a ray through a cell, the trilinear interpolant is one.
 #define_import_path bevy_vdb::traversal::cubic
 
-// The root finder stops when its step is below this fraction of the path through the cell: Newton's method
-// converges quadratically.
+// The error of a root, as a fraction of the path through the cell, with which the root finder stops. A step on the
+// interpolant itself follows (`refined_root`), which removes most of what is left.
 const ROOT_TOLERANCE: f32 = 0.000003814697265625;   // 2^-18
 
 // A cubic from its coefficients: a.x + s·(a.y + s·(a.z + s·a.w)).
@@ -10,17 +10,10 @@ fn cubic_at(a: vec4<f32>, s: f32) -> f32 {
     return a.x + s * (a.y + s * (a.z + s * a.w));
 }
 
-// The coefficients of the cubic that has four values at s = 0, 1/3, 2/3 and 1.
-fn cubic_through(f: vec4<f32>) -> vec4<f32> {
-    let d_1 = f.y - f.x;
-    let d_2 = f.z - 2.0 * f.y + f.x;
-    let d_3 = f.w - 3.0 * f.z + 3.0 * f.y - f.x;
-    return vec4(
-        f.x,
-        3.0 * d_1 - 1.5 * d_2 + d_3,
-        4.5 * (d_2 - d_3),
-        4.5 * d_3,
-    );
+// The coefficients of the cubic with these Bézier control points.
+fn cubic_of_points(b: vec4<f32>) -> vec4<f32> {
+    let d = 3.0 * (b.yzw - b.xyz);
+    return vec4(b.x, d.x, d.y - d.x, (b.w - b.x) - d.y);
 }
 
 // Where a cubic has its extrema, in ascending order; 2 in place of those that do not exist.
@@ -56,7 +49,11 @@ fn bracketed_root(a: vec4<f32>, s_low: f32, s_high: f32, f_low: f32, f_high: f32
         let newton = s - f / select(slope, 1.0, slope == 0.0);
         let inside = newton > low && newton < high && slope != 0.0;
         let next = select(0.5 * (low + high), newton, inside);
-        let done = abs(next - s) <= ROOT_TOLERANCE;
+        let step = next - s;
+        // The value that a Newton step leaves: the terms of the cubic around s that the step does not know of.
+        let rest = step * step * (a.z + a.w * (3.0 * s + step));
+        let is_exact = abs(rest) <= ROOT_TOLERANCE * abs(slope);
+        let done = select(abs(step) <= ROOT_TOLERANCE, is_exact, inside);
         s = next;
         if done {
             break;
@@ -65,22 +62,20 @@ fn bracketed_root(a: vec4<f32>, s_low: f32, s_high: f32, f_low: f32, f_high: f32
     return s;
 }
 
-// The first sign change of a cubic in [0, 1], or 2 if there is none. f_start and f_end are its values at the
-// ends.
-fn first_sign_change(a: vec4<f32>, f_start: f32, f_end: f32) -> f32 {
-    // Bézier control points: the cubic changes sign at most as often as they do.
-    let second_point = f_start + a.y / 3.0;
-    let third_point = f_end - (a.y + 2.0 * a.z + 3.0 * a.w) / 3.0;
-    let is_negative = vec4(f_start, second_point, third_point, f_end) < vec4(0.0);
+// The first sign change in [0, 1] of the cubic with these Bézier control points, or 2 if there is none.
+fn first_sign_change(b: vec4<f32>) -> f32 {
+    // The cubic changes sign at most as often as its control points do.
+    let is_negative = b < vec4(0.0);
     let changes = vec3<u32>(is_negative.xyz != is_negative.yzw);
     let count = changes.x + changes.y + changes.z;
     if count == 0u {
         return 2.0;
     }
+    let a = cubic_of_points(b);
     if count == 1u {
-        return bracketed_root(a, 0.0, 1.0, f_start, f_end);
+        return bracketed_root(a, 0.0, 1.0, b.x, b.w);
     }
-    return first_sign_change_of_several(a, f_start, f_end);
+    return first_sign_change_of_several(a, b.x, b.w);
 }
 
 // The same where there may be several sign changes. Between its extrema, a cubic has at most one.

@@ -2,9 +2,9 @@
 #define_import_path bevy_vdb::traversal::maximum
 
 #import bevy_vdb::gpu::types::Grid
-#import bevy_vdb::traversal::cubic::{cubic_at, cubic_extrema, cubic_through}
+#import bevy_vdb::traversal::cubic::{cubic_at, cubic_extrema, cubic_of_points}
 #import bevy_vdb::traversal::exact::MirroredRay
-#import bevy_vdb::traversal::samples::{Corners, fog_cell, tile_value, trilinear}
+#import bevy_vdb::traversal::samples::{Corners, control_points, fog_cell, tile_value}
 #import bevy_vdb::traversal::tree::{empty_cell, locate, new_accessor, span_constant, span_occupied}
 #import bevy_vdb::traversal::rebase::{rebased_at, rebased_exit}
 #import bevy_vdb::traversal::hdda::{Dda, advance, confirm, count_step, exit_planes, local_cell, unmirrored}
@@ -14,10 +14,10 @@ struct Largest {
     t: f32,
 }
 
-// The largest value of a cubic from 0 to 1, given its values at 0, 1/3, 2/3 and 1; and where it is.
-fn largest_of_cubic(f: vec4<f32>) -> vec2<f32> {
-    let a = cubic_through(f);
-    var largest = select(vec2(f.x, 0.0), vec2(f.w, 1.0), f.w > f.x);
+// The largest value from 0 to 1 of the cubic with these Bézier control points, and where it is.
+fn largest_of_cubic(b: vec4<f32>) -> vec2<f32> {
+    let a = cubic_of_points(b);
+    var largest = select(vec2(b.x, 0.0), vec2(b.w, 1.0), b.w > b.x);
     let extrema = cubic_extrema(a);
     for (var i = 0u; i < 2u; i++) {
         let s = select(extrema.y, extrema.x, i == 0u);
@@ -68,15 +68,9 @@ fn largest_value(grid: Grid, mirrored: MirroredRay, entry: Dda, least: f32) -> L
         let plane = exit_planes(mirrored, current.rel, span);
         let exit = rebased_exit(rebased, mirrored, plane, dda.axis);
         let t_length = max(min(exit, rebased.end), 0.0);
-        let start = rebased.frac;
-        let path = t_length * mirrored.speed;
-        let f = vec4(
-            trilinear(own.corners, unmirrored(mirrored, start)),
-            trilinear(own.corners, unmirrored(mirrored, saturate(start + path / 3.0))),
-            trilinear(own.corners, unmirrored(mirrored, saturate(start + path * (2.0 / 3.0)))),
-            trilinear(own.corners, unmirrored(mirrored, saturate(start + path))),
-        );
-        let found = largest_of_cubic(f);
+        let start = unmirrored(mirrored, rebased.frac);
+        let end = unmirrored(mirrored, saturate(rebased.frac + t_length * mirrored.speed));
+        let found = largest_of_cubic(control_points(own.corners, start, end));
         let value = own.offset + own.scale * found.x;
         if value > largest.value {
             largest = Largest(value, confirmed.t + found.y * t_length);

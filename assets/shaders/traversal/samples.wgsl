@@ -197,6 +197,32 @@ fn trilinear(c: Corners, u: vec3<f32>) -> f32 {
     return mix(z.x, z.y, u.z);
 }
 
+// The Bézier control points of the cubic that the interpolant is from `start` to `end`, both 0 to 1 on each axis. The
+// interpolant is linear in each coordinate, so they are the means of its values at the points that have none, one, two
+// or all three coordinates of `end` (its blossom: Ramshaw, "Blossoms are polar forms", 1989).
+fn control_points(c: Corners, start: vec3<f32>, end: vec3<f32>) -> vec4<f32> {
+    // `s` and `e` stand for coordinates of `start` and `end`.
+    let dx = c.high - c.low;
+    let s = c.low + start.x * dx;
+    let e = c.low + end.x * dx;
+    let s_dy = s.zw - s.xy;
+    let e_dy = e.zw - e.xy;
+    let ss = s.xy + start.y * s_dy;
+    let se = s.xy + end.y * s_dy;
+    let es = e.xy + start.y * e_dy;
+    let ee = e.xy + end.y * e_dy;
+    let low = vec4(ss.x, se.x, es.x, ee.x);
+    let dz = vec4(ss.y, se.y, es.y, ee.y) - low;
+    let at_start = low + start.z * dz;
+    let at_end = low + end.z * dz;
+    return vec4(
+        at_start.x,
+        (at_end.x + at_start.y + at_start.z) * (1.0 / 3.0),
+        (at_end.y + at_end.z + at_start.w) * (1.0 / 3.0),
+        at_end.w,
+    );
+}
+
 // Gradient of the trilinear interpolant, in values per voxel.
 fn trilinear_gradient(c: Corners, u: vec3<f32>) -> vec3<f32> {
     let dx = c.high - c.low;

@@ -2,10 +2,10 @@
 #define_import_path bevy_vdb::traversal::smooth
 
 #import bevy_vdb::gpu::types::Grid
-#import bevy_vdb::traversal::cubic::{cubic_through, first_sign_change}
+#import bevy_vdb::traversal::cubic::first_sign_change
 #import bevy_vdb::traversal::rebase::{rebased_exit, rebased_at}
-#import bevy_vdb::traversal::exact::MirroredRay
-#import bevy_vdb::traversal::samples::{Corners, surface_corners, trilinear, trilinear_gradient}
+#import bevy_vdb::traversal::exact::{MirroredRay, T_ERROR}
+#import bevy_vdb::traversal::samples::{Corners, control_points, surface_corners, trilinear, trilinear_gradient}
 #import bevy_vdb::traversal::tree::{Accessor, empty_cell, locate, new_accessor, span_occupied}
 #import bevy_vdb::traversal::hdda::{Dda, advance, confirm, count_step, local_cell, unmirrored, clamp_to_ray}
 
@@ -41,75 +41,113 @@ fn refined_root(c: Corners, start: vec3<f32>, path: vec3<f32>, s: f32) -> f32 {
     return saturate(s - select(0.0, correction, slope != 0.0 && abs(correction) < 0.01));
 }
 
+// The sign of the interpolant along a mirrored ray through a cell, -1 or 1, if it is certain to be the same all the way;
+// otherwise 0. Exact positions are not needed: no coordinate of these is off by more than T_ERROR times its distance
+// from the ray's origin in cells, and no derivative of the interpolant exceeds twice the largest corner.
+fn certain_sign(mirrored: MirroredRay, rel: vec3<u32>, c: Corners) -> i32 {
+    let distance = vec3<f32>(rel);
+    let origin = mirrored.frac - distance;
+    let enters = -origin * mirrored.inverse;
+    let leaves = enters + mirrored.inverse;
+    let t_start = max(max(enters.x, enters.y), enters.z);
+    let t_end = min(min(leaves.x, leaves.y), leaves.z);
+    let local_origin = unmirrored(mirrored, origin);
+    let dir = select(mirrored.speed, -mirrored.speed, mirrored.mirror != vec3(0));
+    // Far away, errors are larger than the cell, outside which the interpolant may have any value.
+    let b = control_points(c, saturate(local_origin + t_start * dir), saturate(local_origin + t_end * dir));
+    let corners = max(abs(c.low), abs(c.high));
+    let largest_corner = max(max(corners.x, corners.y), max(corners.z, corners.w));
+    let margin = (distance.x + distance.y + distance.z + 3.0) * (2.0 * T_ERROR) * largest_corner;
+    // Comparisons with NaNs are false.
+    let lowest = min(min(b.x, b.y), min(b.z, b.w));
+    let highest = max(max(b.x, b.y), max(b.z, b.w));
+    return select(select(0, -1, highest < -margin), 1, lowest > margin);
+}
+
+// A walk along a ray to the cells in which the interpolant may have a root.
+struct Walk {
+    dda: Dda,
+    // The sign of the interpolant where the ray left the previous cell; 0 if the surface cannot pass through that. A
+    // sign change exactly between two cells is also a root, which rounding must not lose.
+    sign: i32,
+    found: bool,
+    // The cell that was found, and its samples.
+    cell: vec3<i32>,
+    corners: Corners,
+#ifdef VDB_CLIP
+    is_first: bool,         // whether that is the first cell that the surface may pass through
+    begins_inside: bool,    // known from the first cell
+#endif
+}
+
+// The sign where a ray begins that is known to begin outside. Unlike others, it is kept through empty cells.
+const OUTSIDE: i32 = 2;
+
+// Walks on to the next cell in which the interpolant may have a root. Most cells that the surface may pass through are
+// rejected with a few operations, so that neighbouring rays look for their roots together.
+fn walk_on(grid: Grid, mirrored: MirroredRay, accessor: ptr<function, Accessor>, so_far: Walk) -> Walk {
+    var walk = so_far;
+    walk.found = false;
+    while walk.dda.inside && !walk.found {
+        count_step();
+        walk.cell = local_cell(mirrored, walk.dda.rel);
+        let span = locate(grid, walk.cell, mirrored.octant, accessor);
+        if span_occupied(span) {
+            walk.corners = surface_corners(grid, span, walk.cell);
+            let sign = certain_sign(mirrored, walk.dda.rel, walk.corners);
+            walk.found = sign == 0 || sign * walk.sign < 0;
+            if !walk.found {
+                walk.sign = sign;
+#ifdef VDB_CLIP
+                walk.begins_inside = select(walk.begins_inside, sign < 0, walk.is_first);
+                walk.is_first = false;
+#endif
+                walk.dda = advance(mirrored, walk.dda, empty_cell());
+            }
+        } else {
+            walk.sign = select(0, OUTSIDE, walk.sign == OUTSIDE);
+            walk.dda = advance(mirrored, walk.dda, span);
+        }
+    }
+    return walk;
+}
+
 // The first root of the interpolant on a mirrored ray. Values are relative to the iso-value.
 //
 // With `begins_outside`, a finer level of detail or another page has shown that the ray begins outside the solid. If
 // it begins inside that of this grid, because the two differ, its first point counts as a hit.
 fn first_root(grid: Grid, mirrored: MirroredRay, entry: Dda, begins_outside: bool) -> SurfaceHit {
-    var expects_outside = begins_outside;
-    var dda = entry;
-    var accessor = new_accessor(local_cell(mirrored, dda.rel));
-    // Whether the interpolant was negative at the end of the previous cell. A sign change exactly between
-    // two cells is also a root, which rounding must not lose.
-    var has_previous = false;
-    var was_negative = false;
+    var accessor = new_accessor(local_cell(mirrored, entry.rel));
+    var walk = Walk();
+    walk.dda = entry;
+    walk.sign = select(0, OUTSIDE, begins_outside);
 #ifdef VDB_CLIP
-    // Known from the first cell that the surface may pass through.
-    var is_first = true;
-    var begins_inside = false;
+    walk.is_first = true;
 #endif
-    while dda.inside {
-        count_step();
-        var cell = local_cell(mirrored, dda.rel);
-        var span = locate(grid, cell, mirrored.octant, &accessor);
-#ifdef VDB_IN_STEP
-        // First advance each ray to an occupied cell: what follows is expensive, and threads of a subgroup
-        // should run it together.
-        while !span_occupied(span) && dda.inside {
-            dda = advance(mirrored, dda, span);
-            has_previous = false;
-            if dda.inside {
-                count_step();
-                cell = local_cell(mirrored, dda.rel);
-                span = locate(grid, cell, mirrored.octant, &accessor);
-            }
-        }
-        if !dda.inside {
+    while walk.dda.inside {
+        walk = walk_on(grid, mirrored, &accessor, walk);
+        if !walk.found {
             break;
         }
-#else
-        if !span_occupied(span) {
-            dda = advance(mirrored, dda, span);
-            has_previous = false;
-            continue;
-        }
-#endif
-        let confirmed = confirm(mirrored, dda);
-        dda = advance(mirrored, dda, empty_cell());
+        let confirmed = confirm(mirrored, walk.dda);
+        walk.dda = advance(mirrored, walk.dda, empty_cell());
         if !confirmed.inside {
             continue;
         }
-        let c = surface_corners(grid, span, cell);
+        let c = walk.corners;
         let rebased = rebased_at(mirrored, confirmed.rel, confirmed.axis, confirmed.t);
-        let exit = rebased_exit(rebased, mirrored, confirmed.rel + 1u, dda.axis);
+        let exit = rebased_exit(rebased, mirrored, confirmed.rel + 1u, walk.dda.axis);
         let t_length = max(min(exit, rebased.end), 0.0);
         let start = unmirrored(mirrored, rebased.frac);
         let path = t_length * select(mirrored.speed, -mirrored.speed, mirrored.mirror != vec3(0));
-        let f = vec4(
-            trilinear(c, start),
-            trilinear(c, saturate(start + path / 3.0)),
-            trilinear(c, saturate(start + path * (2.0 / 3.0))),
-            trilinear(c, saturate(start + path)),
-        );
+        let b = control_points(c, start, saturate(start + path));
 #ifdef VDB_CLIP
-        begins_inside = select(begins_inside, f.x < 0.0, is_first);
-        is_first = false;
+        walk.begins_inside = select(walk.begins_inside, b.x < 0.0, walk.is_first);
+        walk.is_first = false;
 #endif
-        var s = 2.0;
-        if (has_previous && was_negative != (f.x < 0.0)) || (expects_outside && f.x < 0.0) {
-            s = 0.0;
-        } else {
-            s = first_sign_change(cubic_through(f), f.x, f.w);
+        var s = 0.0;
+        if walk.sign * select(1, -1, b.x < 0.0) >= 0 {
+            s = first_sign_change(b);
         }
         if s <= 1.0 {
             s = refined_root(c, start, path, s);
@@ -117,20 +155,18 @@ fn first_root(grid: Grid, mirrored: MirroredRay, entry: Dda, begins_outside: boo
             return SurfaceHit(
                 true,
                 clamp_to_ray(mirrored, confirmed.t + s * t_length),
-                cell,
+                walk.cell,
                 root,
                 grid.scale * trilinear_gradient(c, root),
                 confirmed.axis,
                 c,
                 accessor,
 #ifdef VDB_CLIP
-                begins_inside,
+                walk.begins_inside,
 #endif
             );
         }
-        expects_outside = false;
-        has_previous = true;
-        was_negative = f.w < 0.0;
+        walk.sign = select(1, -1, b.w < 0.0);
     }
     return no_hit();
 }

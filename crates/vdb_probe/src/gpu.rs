@@ -125,9 +125,7 @@ impl Gpu {
         defs: Defs,
         alterations: Alterations,
     ) -> Kernel {
-        // As the plugin does on software adapters.
-        let in_step: Defs = if self.is_software() { &["IN_STEP"] } else { &[] };
-        let module = compose_altered(source, &[defs, in_step].concat(), alterations);
+        let module = compose_altered(source, defs, alterations);
         let info = Validator::new(ValidationFlags::all(), Capabilities::all())
             .validate(&module)
             .unwrap_or_else(|error| panic!("{}", error.emit_to_string(source)));

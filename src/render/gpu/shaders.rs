@@ -5,9 +5,7 @@ use std::path::{Path, PathBuf};
 
 use bevy::asset::io::embedded::EmbeddedAssetRegistry;
 use bevy::prelude::*;
-use bevy::render::renderer::RenderAdapterInfo;
-use bevy::shader::{Shader, ShaderDefVal};
-use wgpu::DeviceType;
+use bevy::shader::Shader;
 
 macro_rules! shaders {
     ($($name:literal),*) => {
@@ -181,22 +179,16 @@ pub(crate) struct Shaders {
     pub sun_samples: Handle<Shader>,
     pub octants: Handle<Shader>,
     pub solve: Handle<Shader>,
-    /// The shader defs of this adapter, for all pipelines that traverse grids.
-    pub adapter_defs: Vec<ShaderDefVal>,
     _imports: [Handle<Shader>; IMPORTS.len()],
 }
 
 /// Loads the shaders when the renderer starts.
-pub(crate) fn load_shaders(
-    mut commands: Commands,
-    assets: Res<AssetServer>,
-    adapter: Res<RenderAdapterInfo>,
-) {
-    commands.insert_resource(Shaders::load(&assets, &adapter));
+pub(crate) fn load_shaders(mut commands: Commands, assets: Res<AssetServer>) {
+    commands.insert_resource(Shaders::load(&assets));
 }
 
 impl Shaders {
-    fn load(assets: &AssetServer, adapter: &RenderAdapterInfo) -> Self {
+    fn load(assets: &AssetServer) -> Self {
         let load = |(name, _)| assets.load(format!("embedded://bevy_vdb/shaders/{name}.wgsl"));
         let [
             beams,
@@ -222,10 +214,6 @@ impl Shaders {
             solve,
         ] = PROGRAMS.map(load);
         let _imports = IMPORTS.map(load);
-        // A software driver runs the rays of a group in lockstep, through every branch that any of
-        // them takes.
-        let is_cpu = adapter.device_type == DeviceType::Cpu;
-        let adapter_defs = if is_cpu { vec!["VDB_IN_STEP".into()] } else { Vec::new() };
         Self {
             beams,
             edges,
@@ -248,7 +236,6 @@ impl Shaders {
             sun_samples,
             octants,
             solve,
-            adapter_defs,
             _imports,
         }
     }
@@ -264,14 +251,13 @@ mod tests {
 
     /// Shader defs that belong neither to features of a view nor to render modes: those of formats and adapters,
     /// and those of the programs of `vdb_probe`.
-    const OTHERS: [&str; 11] = [
+    const OTHERS: [&str; 10] = [
         "VDB_CACHED_SUNS",
         "VDB_EMITTER_SLOTS",
         "VDB_EVEN_LIGHT",
         "VDB_FOG_ALONE",
         "VDB_FOG_SLOTS",
         "VDB_FORMAT",
-        "VDB_IN_STEP",
         "VDB_PAGED",
         "VDB_PAGE_BITS",
         "VDB_STORABLE_LATTICE",

@@ -4,7 +4,6 @@ use bevy::shader::ShaderDefVal;
 
 use super::layout::{page_defs, sample_format_def};
 use super::materials::kind_defs;
-use super::shaders::Shaders;
 use crate::quality::features::Features;
 
 /// The key of a pipeline variant.
@@ -20,13 +19,12 @@ pub(crate) struct TraversalKey {
 }
 
 impl TraversalKey {
-    pub fn defs(&self, shaders: &Shaders) -> Vec<ShaderDefVal> {
+    pub fn defs(&self) -> Vec<ShaderDefVal> {
         let features = self.features.defs().map(Into::into);
         features
             .chain(page_defs(self.page_bits))
             .chain(sample_format_def(self.sample_format))
             .chain(kind_defs(self.materials))
-            .chain(shaders.adapter_defs.iter().cloned())
             .collect()
     }
 }

@@ -160,7 +160,7 @@ impl SpecializedComputePipeline for FillPipeline {
         let layouts = if is_fill { &self.layouts } else { &self.sun_layouts };
         let layout = layouts.of(key.traversal.page_bits.is_some(), key.traversal.features);
         let stores_texels = defs([(self.stores_texels, "VDB_STORABLE_LATTICE")]);
-        let shader_defs = key.traversal.defs(&self.shaders).into_iter().chain(stores_texels);
+        let shader_defs = key.traversal.defs().into_iter().chain(stores_texels);
         ComputePipelineDescriptor {
             label: Some("vdb_light_cache".into()),
             layout: vec![empty_layout(), empty_layout(), layout.clone()],

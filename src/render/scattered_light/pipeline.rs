@@ -92,7 +92,7 @@ impl SpecializedComputePipeline for OctantPipeline {
             label: Some("vdb_scattered_octants".into()),
             layout,
             shader: self.shaders.octants.clone(),
-            shader_defs: key.defs(&self.shaders),
+            shader_defs: key.defs(),
             entry_point: Some("sample_octants".into()),
             ..default()
         }

@@ -90,7 +90,7 @@ impl SpecializedRenderPipeline for CastPipelines {
             CastKey::Surfaces(key) => (key, "vdb_cast", &self.shaders.cast, empty_layout()),
             CastKey::Fogs(key) => (key, "vdb_cast_fog", &self.shaders.cast_fog, read.clone()),
         };
-        let shader_defs = key.defs(&self.shaders);
+        let shader_defs = key.defs();
         let vertex = VertexState {
             shader: self.shaders.quad.clone(),
             shader_defs: shader_defs.clone(),
@@ -122,7 +122,7 @@ impl SpecializedComputePipeline for CastPipelines {
             label: Some("vdb_opacity".into()),
             layout: self.groups(fill.clone(), key),
             shader: self.shaders.fill_opacity.clone(),
-            shader_defs: key.defs(&self.shaders),
+            shader_defs: key.defs(),
             entry_point: Some("fill".into()),
             ..default()
         }

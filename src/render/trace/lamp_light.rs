@@ -144,7 +144,7 @@ impl SpecializedComputePipeline for LampLightPipeline {
             shader: self.shaders.lamp_light.clone(),
             shader_defs: key
                 .traversal
-                .defs(&self.shaders)
+                .defs()
                 .into_iter()
                 .chain(key.shadow_filter.map(ShaderDefVal::from))
                 .chain([suns])

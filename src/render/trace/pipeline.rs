@@ -101,7 +101,6 @@ impl SpecializedComputePipeline for TracePipeline {
                 .chain(kind_defs(key.materials))
                 .chain(page_defs(key.page_bits))
                 .chain(sample_format_def(key.sample_format))
-                .chain(self.shaders.adapter_defs.iter().cloned())
                 .collect(),
             entry_point: Some("trace".into()),
             ..default()

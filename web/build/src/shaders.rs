@@ -43,11 +43,9 @@ const MODULES: [&str; 23] = [
 const ALWAYS: [&str; 1] = ["VDB_EDGES"];
 
 /// The variants of `demo.wgsl`: names, and shader defs. `renderer.js` chooses by name.
-const VARIANTS: [(&str, &[&str]); 4] = [
+const VARIANTS: [(&str, &[&str]); 3] = [
     ("voxels", &["VDB_VOXELS"]),
     ("smooth", &["VDB_SMOOTH"]),
-    // For adapters that run the threads of a subgroup in step on the CPU.
-    ("smooth-in-step", &["VDB_SMOOTH", "VDB_IN_STEP"]),
     ("fog", &["VDB_FOG"]),
 ];
 

@@ -1,4 +1,4 @@
-//! Sources of test rays: random, hard, with ends, and from far away almost along an axis.
+//! Sources of test rays: random, hard, with ends, from far away almost along an axis, and through centres of cells.
 
 use glam::{DVec3, IVec3, Vec3};
 use rayon::prelude::*;
@@ -153,6 +153,25 @@ pub fn creeping(random: &mut Random, targets: &Targets, grid: &PackedGrid) -> Pr
             return None;
         }
         made(grid, cell.as_ivec3(), (origin - cell).as_vec3(), dir)
+    })
+}
+
+/// Through the centre of one of a target's cells, where symmetric values have triple roots, from up to 64 voxels away.
+pub fn centred(random: &mut Random, targets: &Targets, grid: &PackedGrid) -> ProbeRay {
+    persist(|| {
+        let target = targets.pick(random);
+        let mut along = |axis: usize| {
+            f64::from(target.min[axis]) + random.below(target.dim()[axis] as u64) as f64 + 0.5
+        };
+        let center = DVec3::new(along(0), along(1), along(2));
+        let mut component = || random.range(-1.0, 1.0);
+        let dir = DVec3::new(component(), component(), component());
+        let origin = center - dir * random.range(4.0, 64.0);
+        let cell = origin.floor();
+        if cell.abs().max_element() >= f64::from(i32::MAX - 1) {
+            return None;
+        }
+        made(grid, cell.as_ivec3(), (origin - cell).as_vec3(), dir.as_vec3())
     })
 }
 

@@ -1,15 +1,17 @@
-//! First voxels where the f32 of the traversal is computed otherwise, as compilers may do it:
+//! First voxels and smooth surfaces where the f32 of the shaders is computed otherwise, as compilers may do it:
 //! `docs/reference/accuracy.md` lists what they may do.
 
 use vdb_core::pack::exact::T_ERROR;
 use vdb_core::reference::{Blocky, Occupied};
 use vdb_probe::judge::given::{self, Targets, chunks};
+use vdb_probe::judge::smooth::{FARTHEST_OFF, Judge, USUALLY_OFF};
 use vdb_probe::judge::{Scene, Tally, judged, voxels};
 use vdb_probe::{Alterations, Probe, ProbeHit, ProbeKind, ProbeRay};
 
 use crate::case::{Suite, hash};
 use crate::grids::{self, Named};
 use crate::report::{Bound, Row};
+use crate::smooth;
 use crate::voxels::KIND;
 
 /// Rays of each grid and each kind.
@@ -60,6 +62,18 @@ const DISTRIBUTED: Alterations = &[
     ),
 ];
 
+/// What WGSL permits where smooth surfaces are looked for. Each alteration also applies to the planes of the traversal.
+const PERMITTED_SMOOTH: [(&str, Alterations); 2] = [
+    ("smooth, inverse 3 units too large", PERMITTED[2].1),
+    ("smooth, inverse 3 units too small", PERMITTED[3].1),
+];
+
+/// Cells are rejected although the ray passes through the surface in them, by up to a thousandth of a corner's value.
+const TOO_CERTAIN: Alterations = &[(
+    "(2.0 * T_ERROR) * largest_corner",
+    "(2.0 * T_ERROR) * largest_corner - 0.001 * largest_corner",
+)];
+
 pub fn run(suite: &mut Suite) {
     if !suite.wants("altered: ") {
         return;
@@ -68,15 +82,25 @@ pub fn run(suite: &mut Suite) {
         let tally = send(suite, alterations);
         add(suite, name, Bound::Max(f64::from(T_ERROR)), &tally);
     }
+    for (name, alterations) in PERMITTED_SMOOTH {
+        let tally = send_smooth(suite, alterations);
+        add(suite, name, Bound::Quantile(USUALLY_OFF, FARTHEST_OFF), &tally);
+    }
+    let tally = send_smooth(suite, TOO_CERTAIN);
+    assert!(tally.wrong > 0, "no ray notices that cells are rejected which have roots");
+    add(suite, "smooth, cells rejected that have roots", Bound::None, &tally);
     let tally = send(suite, DISTRIBUTED);
-    // If this is not noticed, neither would anything else be.
-    assert!(tally.wrong > 0, "distributed products are accurate enough");
+    // If this is not noticed, neither would anything else be. Compilers of GPUs fuse the second product with the
+    // difference, which removes most of the error.
+    let is_noticed = tally.wrong > 0 || !suite.gpu.is_software();
+    assert!(is_noticed, "distributed products are accurate enough");
     add(suite, "products distributed, against WGSL", Bound::None, &tally);
 }
 
 fn add(suite: &mut Suite, name: &str, bound: Bound, tally: &Tally) {
     // The rays are not counted, because the shaders are not those that the suite is about.
-    suite.report.add(Row { again: true, ..Row::new("altered", name, "of t", bound, tally) }, tally);
+    let unit = if name.starts_with("smooth") { "voxels" } else { "of t" };
+    suite.report.add(Row { again: true, ..Row::new("altered", name, unit, bound, tally) }, tally);
 }
 
 /// Random rays, hard ones and ones with ends through an altered kernel.
@@ -100,6 +124,39 @@ fn send(suite: &Suite, alterations: Alterations) -> Tally {
             let make = |random: &mut _| make(random, &targets, &scene.grid);
             let seed = suite.seed_of(hash(&name) ^ kind as u64);
             let rays = chunks(seed, 0, RAYS, &make);
+            let hits = probe.send(&scene.on_gpu, &rays);
+            sum = sum.merge(judged(suite.gpu, &rays, &hits, &judge));
+        }
+    }
+    sum
+}
+
+/// How far from a grid's own origin rays to smooth surfaces may begin, in voxels: wrong answers to rays from farther
+/// away take long to judge.
+const FARTHEST: i32 = 1 << 16;
+
+/// Random, hard and creeping rays through smooth surfaces and an altered kernel.
+fn send_smooth(suite: &Suite, alterations: Alterations) -> Tally {
+    let probe = Probe::altered(suite.gpu, ProbeKind::Smooth, alterations);
+    let some = ["sphere", "gyroid", "noise of both signs"];
+    let mut sum = Tally::default();
+    for Named { name, make } in grids::level_sets() {
+        if !some.contains(&name.as_str()) {
+            continue;
+        }
+        let tree = make();
+        let scene = Scene::new(suite.gpu, &tree, smooth::KIND).expect("there is a surface");
+        let targets = Targets::new(&tree, &scene.grid);
+        let judge = Judge::new(&scene);
+        let judge =
+            |ray: &ProbeRay, hit: &ProbeHit, tally: &mut Tally| judge.judge(ray, hit, tally);
+        for (kind, make) in
+            [given::plain as given::Make, given::hard, given::creeping].into_iter().enumerate()
+        {
+            let make = |random: &mut _| make(random, &targets, &scene.grid);
+            let seed = suite.seed_of(hash(&name) ^ kind as u64);
+            let mut rays = chunks(seed, 0, RAYS, &make);
+            rays.retain(|ray| ray.cell.into_iter().all(|c| c.abs() < FARTHEST));
             let hits = probe.send(&scene.on_gpu, &rays);
             sum = sum.merge(judged(suite.gpu, &rays, &hits, &judge));
         }

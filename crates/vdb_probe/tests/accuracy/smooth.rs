@@ -18,9 +18,10 @@ const POSITION: Bound = Bound::Quantile(USUALLY_OFF, FARTHEST_OFF);
 
 /// Rays of each grid of the matrix in the short form, of either kind.
 const RAYS: usize = 6_000;
-/// The same with ends, and from far away nearly along an axis.
+/// The same with ends, from far away nearly along an axis, and through centres of cells.
 const ENDED: usize = 3_000;
 const CREEPING: usize = 3_000;
+const CENTRED: usize = 3_000;
 
 /// The two rows of a case: positions, and normals.
 pub fn add_rows(suite: &mut Suite, group: &'static str, case: &str, tally: &Tally, again: bool) {
@@ -57,6 +58,7 @@ fn given_rays(suite: &mut Suite, name: &str, tree: &Tree) {
         ("hard", given::hard, RAYS),
         ("ends", given::ended, ENDED),
         ("creeping", given::creeping, CREEPING),
+        ("centred", given::centred, CENTRED),
     ] {
         let make = |random: &mut Random| make(random, &targets, &scene.grid);
         let seed = hash(name) ^ hash(kind);
