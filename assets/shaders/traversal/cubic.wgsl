@@ -1,8 +1,8 @@
 // Cubics: along a ray through a cell, the trilinear interpolant is one.
 #define_import_path bevy_vdb::traversal::cubic
 
-// The error of a root, as a fraction of the path through the cell, with which the root finder stops. A step on the
-// interpolant itself follows (`refined_root`), which removes most of what is left.
+// The root finder stops when it estimates the error of the next root at less than this fraction of the path through the
+// cell. A step on the interpolant itself follows (`refined_root`), which removes most of what is left.
 const ROOT_TOLERANCE: f32 = 0.000003814697265625;   // 2^-18
 
 // A cubic from its coefficients: a.x + s·(a.y + s·(a.z + s·a.w)).
@@ -50,7 +50,7 @@ fn bracketed_root(a: vec4<f32>, s_low: f32, s_high: f32, f_low: f32, f_high: f32
         let inside = newton > low && newton < high && slope != 0.0;
         let next = select(0.5 * (low + high), newton, inside);
         let step = next - s;
-        // The value that a Newton step leaves: the terms of the cubic around s that the step does not know of.
+        // The value that a Newton step leaves: the quadratic and the cubic term around s, which it ignores.
         let rest = step * step * (a.z + a.w * (3.0 * s + step));
         let is_exact = abs(rest) <= ROOT_TOLERANCE * abs(slope);
         let done = select(abs(step) <= ROOT_TOLERANCE, is_exact, inside);

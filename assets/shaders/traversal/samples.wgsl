@@ -201,20 +201,17 @@ fn trilinear(c: Corners, u: vec3<f32>) -> f32 {
 // interpolant is linear in each coordinate, so they are the means of its values at the points that have none, one, two
 // or all three coordinates of `end` (its blossom: Ramshaw, "Blossoms are polar forms", 1989).
 fn control_points(c: Corners, start: vec3<f32>, end: vec3<f32>) -> vec4<f32> {
-    // `s` and `e` stand for coordinates of `start` and `end`.
-    let dx = c.high - c.low;
-    let s = c.low + start.x * dx;
-    let e = c.low + end.x * dx;
-    let s_dy = s.zw - s.xy;
-    let e_dy = e.zw - e.xy;
-    let ss = s.xy + start.y * s_dy;
-    let se = s.xy + end.y * s_dy;
-    let es = e.xy + start.y * e_dy;
-    let ee = e.xy + end.y * e_dy;
+    // `s` and `e` stand for coordinates of `start` and `end`. `mix` is exact at 0 and 1, where cells must agree on signs.
+    let s = mix(c.low, c.high, start.x);
+    let e = mix(c.low, c.high, end.x);
+    let ss = mix(s.xy, s.zw, start.y);
+    let se = mix(s.xy, s.zw, end.y);
+    let es = mix(e.xy, e.zw, start.y);
+    let ee = mix(e.xy, e.zw, end.y);
     let low = vec4(ss.x, se.x, es.x, ee.x);
-    let dz = vec4(ss.y, se.y, es.y, ee.y) - low;
-    let at_start = low + start.z * dz;
-    let at_end = low + end.z * dz;
+    let high = vec4(ss.y, se.y, es.y, ee.y);
+    let at_start = mix(low, high, start.z);
+    let at_end = mix(low, high, end.z);
     return vec4(
         at_start.x,
         (at_end.x + at_start.y + at_start.z) * (1.0 / 3.0),

@@ -3,7 +3,7 @@
 
 #import bevy_vdb::gpu::types::Grid
 #import bevy_vdb::traversal::cubic::first_sign_change
-#import bevy_vdb::traversal::rebase::{rebased_exit, rebased_at}
+#import bevy_vdb::traversal::rebase::{Rebased, rebased_exit, rebased_at}
 #import bevy_vdb::traversal::exact::{MirroredRay, T_ERROR}
 #import bevy_vdb::traversal::samples::{Corners, control_points, surface_corners, trilinear, trilinear_gradient}
 #import bevy_vdb::traversal::tree::{Accessor, empty_cell, locate, new_accessor, span_occupied}
@@ -32,8 +32,8 @@ fn no_hit() -> SurfaceHit {
     return none;
 }
 
-// Refines a root s of the cubic along a path through a cell. The cubic's coefficients amplify the rounding of the four
-// values; one Newton step on the interpolant itself removes most of that error.
+// Refines a root s of the cubic along a path through a cell. Computing the cubic's coefficients amplifies rounding; one
+// Newton step on the interpolant itself removes most of that error.
 fn refined_root(c: Corners, start: vec3<f32>, path: vec3<f32>, s: f32) -> f32 {
     let first_guess = saturate(start + s * path);
     let slope = dot(trilinear_gradient(c, first_guess), path);
@@ -42,8 +42,9 @@ fn refined_root(c: Corners, start: vec3<f32>, path: vec3<f32>, s: f32) -> f32 {
 }
 
 // The sign of the interpolant along a mirrored ray through a cell, -1 or 1, if it is certain to be the same all the way;
-// otherwise 0. Exact positions are not needed: no coordinate of these is off by more than T_ERROR times its distance
-// from the ray's origin in cells, and no derivative of the interpolant exceeds twice the largest corner.
+// otherwise 0. Positions in f32 suffice: a coordinate is off by less than half of T_ERROR times its distance from the
+// ray's origin, which is at most `rel` + 1 cells, and no partial derivative of the interpolant exceeds twice the largest
+// corner. The other half of the margin covers rounding in `control_points`.
 fn certain_sign(mirrored: MirroredRay, rel: vec3<u32>, c: Corners) -> i32 {
     let distance = vec3<f32>(rel);
     let origin = mirrored.frac - distance;
@@ -58,7 +59,6 @@ fn certain_sign(mirrored: MirroredRay, rel: vec3<u32>, c: Corners) -> i32 {
     let corners = max(abs(c.low), abs(c.high));
     let largest_corner = max(max(corners.x, corners.y), max(corners.z, corners.w));
     let margin = (distance.x + distance.y + distance.z + 3.0) * (2.0 * T_ERROR) * largest_corner;
-    // Comparisons with NaNs are false.
     let lowest = min(min(b.x, b.y), min(b.z, b.w));
     let highest = max(max(b.x, b.y), max(b.z, b.w));
     return select(select(0, -1, highest < -margin), 1, lowest > margin);
@@ -67,49 +67,68 @@ fn certain_sign(mirrored: MirroredRay, rel: vec3<u32>, c: Corners) -> i32 {
 // A walk along a ray to the cells in which the interpolant may have a root.
 struct Walk {
     dda: Dda,
-    // The sign of the interpolant where the ray left the previous cell; 0 if the surface cannot pass through that. A
-    // sign change exactly between two cells is also a root, which rounding must not lose.
+    // The sign of the interpolant where the ray left the previous cell; 0 if there was none, or if it was empty. A sign
+    // change exactly between two cells is also a root, which rounding must not lose.
     sign: i32,
     found: bool,
-    // The cell that was found, and its samples.
+    // The cell that was found, its samples, and where the walk goes on.
     cell: vec3<i32>,
     corners: Corners,
+    next: Dda,
 #ifdef VDB_CLIP
-    is_first: bool,         // whether that is the first cell that the surface may pass through
-    begins_inside: bool,    // known from the first cell
+    is_first: bool,         // whether no cell that the surface may pass through has been examined yet
+    begins_inside: bool,    // known from the first such cell
 #endif
 }
 
-// The sign where a ray begins that is known to begin outside. Unlike others, it is kept through empty cells.
+// The initial sign of a ray that is known to begin outside. Unlike -1 and 1, it is kept through empty cells, because a
+// first sample inside then counts as a hit.
 const OUTSIDE: i32 = 2;
 
 // Walks on to the next cell in which the interpolant may have a root. Most cells that the surface may pass through are
-// rejected with a few operations, so that neighbouring rays look for their roots together.
+// rejected without exact arithmetic, so that neighbouring rays look for their roots together.
 fn walk_on(grid: Grid, mirrored: MirroredRay, accessor: ptr<function, Accessor>, so_far: Walk) -> Walk {
     var walk = so_far;
-    walk.found = false;
-    while walk.dda.inside && !walk.found {
+    var dda = so_far.dda;
+    var sign = so_far.sign;
+    var found = false;
+    while dda.inside && !found {
         count_step();
-        walk.cell = local_cell(mirrored, walk.dda.rel);
-        let span = locate(grid, walk.cell, mirrored.octant, accessor);
+        let cell = local_cell(mirrored, dda.rel);
+        let span = locate(grid, cell, mirrored.octant, accessor);
         if span_occupied(span) {
-            walk.corners = surface_corners(grid, span, walk.cell);
-            let sign = certain_sign(mirrored, walk.dda.rel, walk.corners);
-            walk.found = sign == 0 || sign * walk.sign < 0;
-            if !walk.found {
-                walk.sign = sign;
+            let corners = surface_corners(grid, span, cell);
+            let own_sign = certain_sign(mirrored, dda.rel, corners);
+            let next = advance(mirrored, dda, empty_cell());
+            found = own_sign == 0 || own_sign * sign < 0;
+            if found {
+                walk.cell = cell;
+                walk.corners = corners;
+                walk.next = next;
+            } else {
+                sign = own_sign;
+                dda = next;
 #ifdef VDB_CLIP
                 walk.begins_inside = select(walk.begins_inside, sign < 0, walk.is_first);
                 walk.is_first = false;
 #endif
-                walk.dda = advance(mirrored, walk.dda, empty_cell());
             }
         } else {
-            walk.sign = select(0, OUTSIDE, walk.sign == OUTSIDE);
-            walk.dda = advance(mirrored, walk.dda, span);
+            sign = select(0, OUTSIDE, sign == OUTSIDE);
+            dda = advance(mirrored, dda, span);
         }
     }
+    walk.dda = dda;
+    walk.sign = sign;
+    walk.found = found;
     return walk;
+}
+
+// Where a mirrored ray leaves a cell through a face of `axis` at the parameter `exit`, or where it ends in the cell, at
+// `t_length` from where it enters. The face is exact, because what lies just behind it may be a different cell.
+fn end_in_cell(rebased: Rebased, mirrored: MirroredRay, t_length: f32, exit: f32, axis: u32) -> vec3<f32> {
+    let end = saturate(rebased.frac + t_length * mirrored.speed);
+    return select(end, vec3(1.0), (vec3(0u, 1u, 2u) == vec3(axis)) & vec3(exit <= rebased.end));
 }
 
 // The first root of the interpolant on a mirrored ray. Values are relative to the iso-value.
@@ -130,7 +149,7 @@ fn first_root(grid: Grid, mirrored: MirroredRay, entry: Dda, begins_outside: boo
             break;
         }
         let confirmed = confirm(mirrored, walk.dda);
-        walk.dda = advance(mirrored, walk.dda, empty_cell());
+        walk.dda = walk.next;
         if !confirmed.inside {
             continue;
         }
@@ -139,8 +158,9 @@ fn first_root(grid: Grid, mirrored: MirroredRay, entry: Dda, begins_outside: boo
         let exit = rebased_exit(rebased, mirrored, confirmed.rel + 1u, walk.dda.axis);
         let t_length = max(min(exit, rebased.end), 0.0);
         let start = unmirrored(mirrored, rebased.frac);
-        let path = t_length * select(mirrored.speed, -mirrored.speed, mirrored.mirror != vec3(0));
-        let b = control_points(c, start, saturate(start + path));
+        let end = unmirrored(mirrored, end_in_cell(rebased, mirrored, t_length, exit, walk.dda.axis));
+        let path = end - start;
+        let b = control_points(c, start, end);
 #ifdef VDB_CLIP
         walk.begins_inside = select(walk.begins_inside, b.x < 0.0, walk.is_first);
         walk.is_first = false;

@@ -4,7 +4,7 @@ use glam::{DVec3, IVec3, Vec3};
 use vdb_core::pack::{PackKind, PackedGrid, traverse};
 use vdb_core::query::{GridQuery, IndexRay};
 use vdb_core::reference::{Blocky, Occupied, Ray, first_root};
-use vdb_core::synth::fog;
+use vdb_core::synth::{Random, fog};
 use vdb_core::tree::{CoordBox, Vdb543};
 use vdb_probe::{Gpu, GpuGrid, Probe, ProbeHit, ProbeKind, ProbeRay};
 
@@ -17,10 +17,14 @@ fn cube(min: i32, max: i32) -> CoordBox {
 
 /// Solid voxels in a background of 1.
 fn solid(bbox: CoordBox) -> Vdb543<f32> {
+    solid_of(bbox, -1.0)
+}
+
+fn solid_of(bbox: CoordBox, value: f32) -> Vdb543<f32> {
     let mut tree = Vdb543::new(1.0);
     for x in bbox.min.x..=bbox.max.x {
         for y in bbox.min.y..=bbox.max.y {
-            (bbox.min.z..=bbox.max.z).for_each(|z| tree.set(IVec3::new(x, y, z), -1.0));
+            (bbox.min.z..=bbox.max.z).for_each(|z| tree.set(IVec3::new(x, y, z), value));
         }
     }
     tree
@@ -148,6 +152,33 @@ fn the_greatest_optical_depth_is_finite() {
         }
     }
     assert_eq!(traverse::optical_length(&grid, &rays[0]), 3e38);
+}
+
+/// A surface in the faces of cells, behind which values are hardly below the iso-value: the next cell has no surface, so
+/// the sign in the face decides.
+#[test]
+fn surfaces_in_faces_of_cells_have_no_holes() {
+    let Some(gpu) = Gpu::find() else { return };
+    let grid = PackedGrid::new(&solid_of(cube(-9, 9), -1e-9), SMOOTH).unwrap();
+    let mut random = Random::new(7);
+    let mut rays = Vec::new();
+    for axis in 0..3 {
+        for sign in [-1.0, 1.0] {
+            for _ in 0..500 {
+                let mut dir = Vec3::from_array([0; 3].map(|_| random.range(-0.1, 0.1) as f32));
+                dir[axis] = sign * random.range(0.3, 3.0) as f32;
+                let mut cell = IVec3::ZERO;
+                cell[axis] = -20 * sign as i32;
+                rays.push((axis, sign, ray(&grid, cell, dir, (0.0, f32::INFINITY))));
+            }
+        }
+    }
+    let all: Vec<_> = rays.iter().map(|(_, _, ray)| *ray).collect();
+    for ((axis, sign, ray), hit) in rays.into_iter().zip(send(&gpu, &grid, &all, &[])) {
+        assert_eq!(hit.hit, 1, "{ray:?}");
+        let at = (ray.cell + grid.base)[axis] as f32 + ray.frac[axis] + hit.t * ray.dir[axis];
+        assert!((at + sign * 9.0).abs() < 1e-3, "{at}: {ray:?}");
+    }
 }
 
 /// A corner that is infinite or NaN: in the shaders and on the CPU, neither a hole nor a surface

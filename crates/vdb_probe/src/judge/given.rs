@@ -66,6 +66,13 @@ fn made(grid: &PackedGrid, cell: IVec3, frac: Vec3, dir: Vec3) -> Option<ProbeRa
     fits.then(|| ray.into())
 }
 
+/// The same from a point in index space, which may be beyond its ends.
+fn made_from(grid: &PackedGrid, origin: DVec3, dir: Vec3) -> Option<ProbeRay> {
+    let cell = origin.floor();
+    let is_inside = cell.abs().max_element() < f64::from(i32::MAX - 1);
+    is_inside.then(|| made(grid, cell.as_ivec3(), (origin - cell).as_vec3(), dir))?
+}
+
 /// Tries again until there is a ray.
 fn persist(mut attempt: impl FnMut() -> Option<ProbeRay>) -> ProbeRay {
     (0..10_000).find_map(|_| attempt()).expect("some ray fits")
@@ -86,11 +93,7 @@ fn plain_at(random: &mut Random, target: CoordBox, grid: &PackedGrid) -> Option<
     let mut vector = || DVec3::from_array([0; 3].map(|_| random.range(-1.0, 1.0)));
     let origin = center + vector() * radius * 3.0;
     let dir = center + vector() * radius * 0.6 - origin;
-    let cell = origin.floor();
-    if cell.abs().max_element() >= f64::from(i32::MAX - 1) {
-        return None;
-    }
-    made(grid, cell.as_ivec3(), (origin - cell).as_vec3(), dir.as_vec3())
+    made_from(grid, origin, dir.as_vec3())
 }
 
 /// Through, along and beside faces, edges and corners of a target's voxels, every fourth from up to
@@ -148,15 +151,12 @@ pub fn creeping(random: &mut Random, targets: &Targets, grid: &PackedGrid) -> Pr
         let at =
             target.min.as_dvec3() + size * DVec3::new(random.unit(), random.unit(), random.unit());
         let origin = at - 2.0_f64.powf(random.range(4.0, 26.9)) * dir.as_dvec3();
-        let cell = origin.floor();
-        if cell.abs().max_element() >= f64::from(i32::MAX - 1) {
-            return None;
-        }
-        made(grid, cell.as_ivec3(), (origin - cell).as_vec3(), dir)
+        made_from(grid, origin, dir)
     })
 }
 
-/// Through the centre of one of a target's cells, where symmetric values have triple roots, from up to 64 voxels away.
+/// Through the centre of one of a target's cells, where samples of alternating sign, as in a checkerboard, give triple
+/// roots; from up to 64 voxels away along each axis.
 pub fn centred(random: &mut Random, targets: &Targets, grid: &PackedGrid) -> ProbeRay {
     persist(|| {
         let target = targets.pick(random);
@@ -166,12 +166,7 @@ pub fn centred(random: &mut Random, targets: &Targets, grid: &PackedGrid) -> Pro
         let center = DVec3::new(along(0), along(1), along(2));
         let mut component = || random.range(-1.0, 1.0);
         let dir = DVec3::new(component(), component(), component());
-        let origin = center - dir * random.range(4.0, 64.0);
-        let cell = origin.floor();
-        if cell.abs().max_element() >= f64::from(i32::MAX - 1) {
-            return None;
-        }
-        made(grid, cell.as_ivec3(), (origin - cell).as_vec3(), dir.as_vec3())
+        made_from(grid, center - dir * random.range(4.0, 64.0), dir.as_vec3())
     })
 }
 
