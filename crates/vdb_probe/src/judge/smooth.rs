@@ -69,7 +69,11 @@ impl<'a> Judge<'a> {
         match (verdict, root) {
             (SurfaceVerdict::BothMiss, _) => {}
             (SurfaceVerdict::NearDouble, _) => tally.near_double += 1,
-            (SurfaceVerdict::Missed, Some(root)) if self.is_near_until(&exact, root.t) => {
+            // Nobody can say on which side the ray began, or is between the root and the one that was found.
+            (SurfaceVerdict::Missed, Some(root))
+                if self.is_near_between(&exact, f64::from(exact.begin()), root.t)
+                    || found.is_some_and(|t| self.is_near_between(&exact, root.t, t)) =>
+            {
                 tally.near_double += 1;
             }
             (SurfaceVerdict::Invented, _) if is_near() => tally.near_double += 1,
@@ -140,7 +144,7 @@ impl<'a> Judge<'a> {
     /// Whether close to a place on a ray the interpolant comes within its noise of the iso-value,
     /// with a gradient like the one that was found.
     fn is_near(&self, ray: &Ray, t: f64, reach: f64, own: DVec3) -> bool {
-        let (start, speed) = (f64::from(ray.t_min), ray.dir.as_dvec3().length());
+        let (start, speed) = (f64::from(ray.begin()), ray.dir.as_dvec3().length());
         let steps = (reach * 256.0).ceil().max(64.0) as i32;
         let step = reach / f64::from(steps) / speed;
         let at = |i: i32| (t + f64::from(i) * step).max(start);
@@ -155,11 +159,10 @@ impl<'a> Judge<'a> {
         })
     }
 
-    /// Whether the interpolant is within its noise all the way to a root, as far as a sample every
-    /// 256th of it tells: then nobody can say on which side the ray began.
-    fn is_near_until(&self, ray: &Ray, t: f64) -> bool {
-        let start = f64::from(ray.t_min);
-        (0..256).all(|i| self.over_noise(ray, start + (t - start) * f64::from(i) / 256.0) <= 1.0)
+    /// Whether the interpolant is within its noise all the way between two places, as far as a sample every 256th of it
+    /// tells.
+    fn is_near_between(&self, ray: &Ray, first: f64, last: f64) -> bool {
+        (0..256).all(|i| self.over_noise(ray, first + (last - first) * f64::from(i) / 256.0) <= 1.0)
     }
 
     /// The distance of the interpolant from the iso-value, in parts of its noise.
