@@ -161,7 +161,7 @@ pub fn centred(random: &mut Random, targets: &Targets, grid: &PackedGrid) -> Pro
     persist(|| {
         let target = targets.pick(random);
         let mut along = |axis: usize| {
-            f64::from(target.min[axis]) + random.below(target.dim()[axis] as u64) as f64 + 0.5
+            f64::from(target.min[axis]) + random.below(target.dim()[axis]) as f64 + 0.5
         };
         let center = DVec3::new(along(0), along(1), along(2));
         let mut component = || random.range(-1.0, 1.0);
