@@ -20,6 +20,7 @@ fn solid(bbox: CoordBox) -> Vdb543<f32> {
     solid_of(bbox, -1.0)
 }
 
+/// Voxels of a value in a background of 1.
 fn solid_of(bbox: CoordBox, value: f32) -> Vdb543<f32> {
     let mut tree = Vdb543::new(1.0);
     for x in bbox.min.x..=bbox.max.x {

@@ -69,8 +69,10 @@ fn made(grid: &PackedGrid, cell: IVec3, frac: Vec3, dir: Vec3) -> Option<ProbeRa
 /// The same from a point in index space, which may be beyond its ends.
 fn made_from(grid: &PackedGrid, origin: DVec3, dir: Vec3) -> Option<ProbeRay> {
     let cell = origin.floor();
-    let is_inside = cell.abs().max_element() < f64::from(i32::MAX - 1);
-    is_inside.then(|| made(grid, cell.as_ivec3(), (origin - cell).as_vec3(), dir))?
+    if cell.abs().max_element() >= f64::from(i32::MAX - 1) {
+        return None;
+    }
+    made(grid, cell.as_ivec3(), (origin - cell).as_vec3(), dir)
 }
 
 /// Tries again until there is a ray.
