@@ -99,6 +99,22 @@ fn standard_webgpu() -> RenderCreation {
     RenderCreation::Automatic(Box::new(standard))
 }
 
+/// The threads of all apps of a program. Bevy has one thread for the systems of an app where there are few
+/// cores; tests that run beside one another would wait for each other there.
+fn pools() -> TaskPoolOptions {
+    TaskPoolOptions { compute: threads(4), ..default() }
+}
+
+fn threads(number: usize) -> TaskPoolThreadAssignmentPolicy {
+    TaskPoolThreadAssignmentPolicy {
+        min_threads: number,
+        max_threads: number,
+        percent: 1.0,
+        on_thread_spawn: None,
+        on_thread_destroy: None,
+    }
+}
+
 impl Stage {
     pub fn new() -> Self {
         Self::with(|_| {})
@@ -107,7 +123,7 @@ impl Stage {
     /// With further plugins.
     pub fn with(add: impl FnOnce(&mut App)) -> Self {
         let render = RenderPlugin { synchronous_pipeline_compilation: true, ..default() };
-        Self::made(render, None, TaskPoolPlugin::default(), add)
+        Self::made(render, None, pools(), add)
     }
 
     /// With a device that has the features and limits of standard WebGPU and no others.
@@ -117,13 +133,13 @@ impl Stage {
             synchronous_pipeline_compilation: true,
             ..default()
         };
-        Self::made(render, None, TaskPoolPlugin::default(), |_| {})
+        Self::made(render, None, pools(), |_| {})
     }
 
     /// One whose assets are in a folder, which is watched, with further plugins.
     pub fn watching(folder: &Path, add: impl FnOnce(&mut App)) -> Self {
         let render = RenderPlugin { synchronous_pipeline_compilation: true, ..default() };
-        Self::made(render, Some(folder), TaskPoolPlugin::default(), add)
+        Self::made(render, Some(folder), pools(), add)
     }
 
     /// One that compiles pipelines beside its frames, as apps do.
@@ -133,27 +149,20 @@ impl Stage {
 
     /// The same with further plugins.
     pub fn compiling_beside_with(add: impl FnOnce(&mut App)) -> Self {
-        Self::made(RenderPlugin::default(), None, TaskPoolPlugin::default(), add)
+        Self::made(RenderPlugin::default(), None, pools(), add)
     }
 
     /// The same on a machine of few cores, where Bevy has one thread for all that takes long. The first app
     /// of a program says so for all of them.
     pub fn compiling_on_one_thread() -> Self {
-        let one = TaskPoolThreadAssignmentPolicy {
-            min_threads: 1,
-            max_threads: 1,
-            percent: 1.0,
-            on_thread_spawn: None,
-            on_thread_destroy: None,
-        };
-        let task_pool_options = TaskPoolOptions { async_compute: one, ..default() };
-        Self::made(RenderPlugin::default(), None, TaskPoolPlugin { task_pool_options }, |_| {})
+        let pools = TaskPoolOptions { async_compute: threads(1), ..pools() };
+        Self::made(RenderPlugin::default(), None, pools, |_| {})
     }
 
     fn made(
         render: RenderPlugin,
         watched: Option<&Path>,
-        pools: TaskPoolPlugin,
+        task_pool_options: TaskPoolOptions,
         add: impl FnOnce(&mut App),
     ) -> Self {
         let render = match std::env::var_os("VDB_TEST_WEBGPU") {
@@ -170,7 +179,7 @@ impl Stage {
                     ..default()
                 })
                 .set(render)
-                .set(pools)
+                .set(TaskPoolPlugin { task_pool_options })
                 .set(AssetPlugin {
                     file_path: assets.display().to_string(),
                     unapproved_path_mode: UnapprovedPathMode::Allow,

@@ -31,16 +31,15 @@ struct Job {
 
 const LEAF_CELLS: i32 = 8;
 
-// Whether fog may touch any of the eight cubes between samples around a sample. `size` is their edge, or 1 if that
-// is less than a cell.
-fn is_beside_fog(grid: Grid, cell: vec3<i32>, size: i32) -> bool {
-    let low = max(cell - size, grid.occupied_min);
-    let high = min(cell + size - 1, grid.occupied_max);
+// Whether fog may touch any of the eight cubes between samples around a sample, which is in a cell of the volume.
+fn is_beside_fog(grid: Grid, cell: vec3<i32>, frac: vec3<f32>) -> bool {
+    let low = max(cell + vec3<i32>(floor(frac - job.spacing)), grid.occupied_min);
+    let high = min(cell + vec3<i32>(ceil(frac + job.spacing)) - 1, grid.occupied_max);
     if any(low > high) {
         return false;
     }
     var accessor = new_accessor(low);
-    // Spacings are at most a leaf, so there are at most two leaves along each axis.
+    // Spacings are at most a leaf, so there are at most two leaves along each axis: those above a cell are powers of 2.
     for (var i = 0; i < 8; i++) {
         let corner = vec3(i & 1, (i >> 1u) & 1, i >> 2u) * LEAF_CELLS;
         let at = min(low + corner, high);
@@ -55,14 +54,15 @@ fn depth_at_sample(volume: u32, grid: Grid, sample: vec3<u32>) -> f32 {
     let from_origin = vec3<f32>(sample) * job.spacing;
     let offset = floor(from_origin);
     let cell = volumes[volume].light_origin + vec3<i32>(offset);
-    if !is_beside_fog(grid, cell, i32(ceil(job.spacing))) {
+    let frac = from_origin - offset;
+    if !is_beside_fog(grid, cell, frac) {
         return NO_FOG;
     }
     let from_eye = job.origin
         + from_origin.x * job.axis_x
         + from_origin.y * job.axis_y
         + from_origin.z * job.axis_z;
-    let point = Point(vec2(0.0), 0.0, from_eye, volume, cell, from_origin - offset);
+    let point = Point(vec2(0.0), 0.0, from_eye, volume, cell, frac);
     if job.is_lamp == 0u {
         return fog_depth_to_light(point, job.light, FAR, job.spacing);
     }

@@ -82,7 +82,7 @@ impl SunRays {
         let groups = groups.extend(runs);
         let fits = bytes <= MAX_BYTES && groups.max_element() <= MAX_GROUPS;
         let job = Job {
-            segment: (layout.spacing() / steepness) as f32,
+            segment: (layout.spacing.in_cells() / steepness) as f32,
             light: to_sun.to_array(),
             major: major as u32,
             is_reversed: u32::from(to_sun_in_cells[major] > 0.0),
@@ -99,13 +99,9 @@ impl SunRays {
 
 #[cfg(test)]
 mod tests {
-    use bevy::math::{DMat3, DQuat, DVec3, IVec3};
+    use bevy::math::{DMat3, DQuat, DVec3};
 
     use super::*;
-
-    fn layout(samples: UVec3) -> CacheLayout {
-        CacheLayout { origin: IVec3::ZERO, samples, log: 2 }
-    }
 
     /// The position of a column in spacings, as the shader computes it.
     fn position(job: &Job, column: [u32; 2], plane: u32) -> DVec3 {
@@ -129,8 +125,9 @@ mod tests {
                 matrix3: turned * DMat3::from_diagonal(DVec3::new(0.5, 0.25, 0.3)),
                 translation: DVec3::new(3.0, 4.0, 5.0),
             };
+            let layout = CacheLayout::of_samples(UVec3::new(25, 33, 41));
             let SunRays { job, groups, bytes } =
-                SunRays::new(layout(UVec3::new(25, 33, 41)), world_from_local, to_sun).unwrap();
+                SunRays::new(layout, world_from_local, to_sun).unwrap();
             for plane in 1..job.planes {
                 // The column of the same ray in the plane before.
                 let shift = |plane: u32| job.slopes.map(|slope| (slope * plane as f32).floor());
@@ -157,7 +154,8 @@ mod tests {
     #[test]
     fn rays_that_take_too_much_memory_are_refused() {
         let of = |samples, to_sun: Vec3| {
-            SunRays::new(layout(samples), DAffine3::IDENTITY, to_sun.normalize()).is_some()
+            let layout = CacheLayout::of_samples(samples);
+            SunRays::new(layout, DAffine3::IDENTITY, to_sun.normalize()).is_some()
         };
         assert!(of(UVec3::splat(257), Vec3::new(1.0, 2.0, 1.0)));
         assert!(of(UVec3::new(9, 9, 160_001), Vec3::Y), "across");

@@ -125,7 +125,7 @@ impl LampLight {
 
 /// The distance between the samples of a fog, in world units.
 fn spacing(prepared: &PreparedView, i: usize, fog: &CachedFog) -> f64 {
-    fog.layout.spacing() * prepared.entries[i].lattice.cell_edge()
+    fog.layout.spacing.in_cells() * prepared.entries[i].lattice.cell_edge()
 }
 
 /// The distance from a point light at which its light begins to be interpolated in an isotropic fog, in

@@ -259,14 +259,12 @@ fn reserve(
 
 #[cfg(test)]
 mod tests {
-    use bevy::math::IVec3;
-
     use super::*;
 
     fn key(owner: u32) -> LatticeKey {
         LatticeKey {
             owner: Entity::from_raw_u32(owner).unwrap().into(),
-            layout: CacheLayout { origin: IVec3::ZERO, samples: UVec3::splat(9), log: 0 },
+            layout: CacheLayout::of_samples(UVec3::splat(9)),
             source: Source::Suns(2),
         }
     }

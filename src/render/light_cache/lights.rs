@@ -126,7 +126,7 @@ impl Lamp {
     /// The distance beyond which samples of a fog are never read: points within the range are
     /// interpolated from samples up to a spacing away on each axis.
     pub fn sampled_range(&self, layout: CacheLayout, cell_edge: f64) -> f32 {
-        let diagonal = 3_f64.sqrt() * layout.spacing() * cell_edge;
+        let diagonal = 3_f64.sqrt() * layout.spacing.in_cells() * cell_edge;
         (self.range + diagonal) as f32
     }
 }

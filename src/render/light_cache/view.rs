@@ -181,7 +181,7 @@ impl LightCacheView {
             let volume = &mut prepared.volumes[*i];
             volume.light_origin = layout.origin.to_array();
             volume.light_planes = layout.samples.z;
-            volume.light_scale = layout.spacing().recip() as f32;
+            volume.light_scale = layout.spacing.in_cells().recip() as f32;
             volume.fog_step = *step;
         }
         for (i, key) in &self.lattices {
@@ -287,7 +287,7 @@ fn new_job(prepared: &PreparedView, i: usize, place: Place, layout: CacheLayout)
         axis_x: array(axes.x_axis),
         axis_y: array(axes.y_axis),
         axis_z: array(axes.z_axis),
-        spacing: layout.spacing() as f32,
+        spacing: layout.spacing.in_cells() as f32,
         place,
         ..default()
     }

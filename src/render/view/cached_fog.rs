@@ -4,12 +4,10 @@ use bevy::math::{IVec3, UVec3};
 use vdb_core::tree::CoordBox;
 
 use super::extinction::{Extinction, FogBox, add_overlapping};
-use super::fog_error::{CacheAccuracy, Detail, MAX_LOG, MIN_LOG};
+use super::fog_error::{BLOCK_INTERVALS, CacheAccuracy, Detail, Spacing};
 use super::lattice::Lattice;
 use crate::render::gpu::types;
 
-/// Lattices begin and end at multiples of this many intervals between samples, so that few edits move them.
-const ALIGNMENT: u32 = 8;
 /// The most samples along an axis: WebGPU's default limit of a texture.
 const MAX_SAMPLES: u32 = 2048;
 /// The most bytes of a lattice for one light: WebGPU's default limit of a binding.
@@ -19,42 +17,40 @@ const MAX_BYTES: u64 = 128 << 20;
 const MAX_FALLBACK_SAMPLES: u64 = 24 << 20;
 /// Bytes of which lines are a multiple when they are copied to a texture.
 const LINE_BYTES: u64 = 256;
-/// log₂ of the smallest spacing for pipelines that cannot light fog by rays. They draw only until others are compiled.
-const MIN_COARSE_LOG: i32 = 0;
 /// From this many spacings per step of rays to lights, the cache is more accurate than these.
 const RAY_STEP: f64 = 2.0;
 /// A ramp alone, however steep, makes no step shorter than this.
 const MIN_RAMP_STEP: f32 = 1.0;
 
-/// The lattice of samples of one fog.
+/// The lattice of samples of one fog. It consists of whole blocks, so that few edits move it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct CacheLayout {
     /// The local cell at the first sample.
     pub origin: IVec3,
     /// Samples along each axis.
     pub samples: UVec3,
-    /// log₂ of the cells between samples.
-    pub log: i32,
+    pub spacing: Spacing,
 }
 
 impl CacheLayout {
     /// The samples for the occupied cells of a grid at a spacing; `None` if they are too many.
-    fn new(occupied: CoordBox, log: i32) -> Option<Self> {
-        let shift = log + ALIGNMENT.ilog2() as i32;
-        let first = occupied.min >> shift;
-        let last = occupied.max >> shift;
+    fn new(occupied: CoordBox, spacing: Spacing) -> Option<Self> {
+        let block = IVec3::splat(spacing.block);
+        let first = occupied.min.div_euclid(block);
+        let last = occupied.max.div_euclid(block);
         let blocks = last.checked_sub(first)?.as_uvec3() + 1;
-        if blocks.max_element() >= MAX_SAMPLES / ALIGNMENT {
+        if blocks.max_element() >= MAX_SAMPLES / BLOCK_INTERVALS {
             return None;
         }
-        let samples = blocks * ALIGNMENT + 1;
-        let layout = Self { origin: first << shift, samples, log };
+        let samples = blocks * BLOCK_INTERVALS + 1;
+        let layout = Self { origin: first * block, samples, spacing };
         (layout.staging_bytes() <= MAX_BYTES).then_some(layout)
     }
 
-    /// Cells between samples.
-    pub fn spacing(&self) -> f64 {
-        f64::from(self.log).exp2()
+    /// This many samples, four cells apart, for tests.
+    #[cfg(test)]
+    pub fn of_samples(samples: UVec3) -> Self {
+        Self { origin: IVec3::ZERO, samples, spacing: Spacing { block: 32 } }
     }
 
     /// Words of a line of samples, which are 16-bit floats, in a buffer that is copied to a texture.
@@ -93,25 +89,27 @@ impl CachedFog {
     ) -> Option<Self> {
         let occupied = lattice.occupied?;
         let detail = Detail::new(accuracy, extinction, lattice, occupied);
-        let wanted = detail.spacing_log();
-        let beats_rays = |log: i32| {
+        let wanted = detail.spacing();
+        let beats_rays = |spacing: Spacing| {
             extinction.shadow_largest.is_finite()
-                && f64::from(shadow_step) >= RAY_STEP * f64::from(log).exp2()
+                && f64::from(shadow_step) >= RAY_STEP * spacing.in_cells()
         };
         // Rays through a ramp integrate it exactly, whatever their steps.
         let is_fallback = |layout: &CacheLayout| {
             let is_small = layout.samples.as_u64vec3().element_product() <= MAX_FALLBACK_SAMPLES;
-            layout.log >= MIN_COARSE_LOG
-                || (is_small && lattice.ramp.is_none() && beats_rays(layout.log))
+            layout.spacing >= Spacing::CELL
+                || (is_small && lattice.ramp.is_none() && beats_rays(layout.spacing))
         };
-        let layout = (wanted.unwrap_or(MIN_LOG)..=MAX_LOG)
-            .filter_map(|log| CacheLayout::new(occupied, log))
-            .find(|layout| wanted == Some(layout.log) || is_fallback(layout))?;
+        let layout = Spacing::ALL
+            .into_iter()
+            .filter(|spacing| wanted.is_none_or(|wanted| *spacing >= wanted))
+            .filter_map(|spacing| CacheLayout::new(occupied, spacing))
+            .find(|layout| wanted == Some(layout.spacing) || is_fallback(layout))?;
         Some(Self {
             layout,
             error: accuracy.error,
-            step: with_ramp(detail.step(layout.log), lattice.steepness),
-            replaces_rays: wanted == Some(layout.log) || beats_rays(layout.log),
+            step: with_ramp(detail.step(layout.spacing), lattice.steepness),
+            replaces_rays: wanted == Some(layout.spacing) || beats_rays(layout.spacing),
         })
     }
 }
@@ -153,21 +151,26 @@ mod tests {
     #[test]
     fn all_cells_are_between_samples() {
         for (min, max) in [(IVec3::ZERO, IVec3::ZERO), (IVec3::new(-5, 31, 33), IVec3::splat(64))] {
-            for log in MIN_LOG..=MAX_LOG {
-                let layout = CacheLayout::new(CoordBox { min, max }, log).unwrap();
-                let size = (ALIGNMENT << (log - MIN_LOG)) as i32 >> -MIN_LOG;
+            for spacing in Spacing::ALL {
+                let layout = CacheLayout::new(CoordBox { min, max }, spacing).unwrap();
                 assert!(layout.origin.cmple(min).all());
-                let cells = (layout.samples - 1).as_dvec3() * layout.spacing();
+                assert!((layout.origin + spacing.block).cmpgt(min).all());
+                let cells = (layout.samples - 1).as_dvec3() * spacing.in_cells();
                 let end = layout.origin + cells.as_ivec3();
-                assert!(end.cmpgt(max).all() && (end - size).cmple(max).all(), "{layout:?}");
+                let before = end - spacing.block;
+                assert!(end.cmpgt(max).all() && before.cmple(max).all(), "{layout:?}");
             }
         }
         let all = CoordBox { min: IVec3::MIN, max: IVec3::MAX };
-        assert_eq!(CacheLayout::new(all, 0), None);
+        assert_eq!(CacheLayout::new(all, Spacing::CELL), None);
         let long = |length| CoordBox { min: IVec3::ZERO, max: IVec3::new(0, 0, length - 1) };
-        let most = (MAX_SAMPLES - ALIGNMENT) as i32;
-        assert!(CacheLayout::new(long(most), 0).is_some());
-        assert_eq!(CacheLayout::new(long(most + 1), 0), None, "too many samples in a line");
+        let most = (MAX_SAMPLES - BLOCK_INTERVALS) as i32;
+        assert!(CacheLayout::new(long(most), Spacing::CELL).is_some());
+        assert_eq!(
+            CacheLayout::new(long(most + 1), Spacing::CELL),
+            None,
+            "too many samples in a line"
+        );
     }
 
     #[test]
@@ -180,8 +183,8 @@ mod tests {
             find_cached_fogs(multiple(0.01), &volumes, &lattices)
         };
         let found = of(&[large, small]).into_iter().map(|fog| fog.unwrap()).collect::<Vec<_>>();
-        assert!(found[0].replaces_rays && found[0].layout.log > 0, "{found:?}");
-        assert!(!found[1].replaces_rays && found[1].layout.log == 0, "{found:?}");
+        assert!(found[0].replaces_rays && found[0].layout.spacing > Spacing::CELL, "{found:?}");
+        assert!(!found[1].replaces_rays && found[1].layout.spacing == Spacing::CELL, "{found:?}");
         let dense = fog(IVec3::ZERO, IVec3::splat(512), 4.0);
         let found = of(&[large, dense]);
         assert!(found.iter().all(|fog| fog.is_some_and(|fog| !fog.replaces_rays)), "{found:?}");
@@ -192,15 +195,15 @@ mod tests {
         let of = |edge, density| {
             let (volume, lattice) = fog(IVec3::ZERO, IVec3::splat(edge), density);
             let found = find_cached_fogs(multiple(0.01), &[volume], &[&lattice])[0];
-            found.map(|fog| (fog.layout.log, fog.replaces_rays))
+            found.map(|fog| (fog.layout.spacing.in_cells(), fog.replaces_rays))
         };
-        assert_eq!(of(64, 0.03), Some((1, true)));
-        assert_eq!(of(64, 1.0), Some((-1, true)));
-        assert_eq!(of(64, 4.0), Some((-2, true)));
-        assert_eq!(of(64, 5.0), Some((0, false)), "too dense");
-        assert_eq!(of(512, 4.0), Some((1, false)), "too dense, and too large for the finest");
+        assert_eq!(of(64, 0.03), Some((2.0, true)));
+        assert_eq!(of(64, 1.0), Some((0.5, true)));
+        assert_eq!(of(64, 4.0), Some((0.25, true)));
+        assert_eq!(of(64, 5.0), Some((1.0, false)), "too dense");
+        assert_eq!(of(512, 4.0), Some((2.0, false)), "too dense, and too large for the finest");
         assert_eq!(of(4096, 0.001), None, "too large");
-        assert_eq!(of(64, f32::INFINITY), Some((0, false)));
+        assert_eq!(of(64, f32::INFINITY), Some((1.0, false)));
     }
 
     #[test]
@@ -210,26 +213,26 @@ mod tests {
             volume.shadow_step = shadow_step;
             lattice.ramp = ramp;
             let found = find_cached_fogs(multiple(0.01), &[volume], &[&lattice])[0];
-            found.map(|fog| (fog.layout.log, fog.replaces_rays))
+            found.map(|fog| (fog.layout.spacing.in_cells(), fog.replaces_rays))
         };
         let of = |edge, shadow_step| of_density(edge, 5.0, None, shadow_step);
-        assert_eq!(of(32, 0.25), Some((0, false)));
-        assert_eq!([1.0, 2.0, 8.0].map(|step| of(64, step)), [Some((-2, true)); 3]);
-        assert_eq!([0.5, 1.0, 8.0].map(|step| of(32, step)), [Some((-2, true)); 3]);
-        // A quarter of a voxel would take too much memory, and half of one is not finer than half a step.
-        assert_eq!([0.5, 1.0].map(|step| of(100, step)), [Some((0, false)), Some((-1, true))]);
-        assert_eq!([1.0, 2.0].map(|step| of(200, step)), [Some((0, false)), Some((0, true))]);
+        assert_eq!(of(32, 0.25), Some((1.0, false)));
+        assert_eq!([1.0, 2.0, 8.0].map(|step| of(64, step)), [Some((0.25, true)); 3]);
+        assert_eq!([0.5, 1.0, 8.0].map(|step| of(32, step)), [Some((0.25, true)); 3]);
+        // A quarter of a voxel would take too much memory, and three eighths are not finer than half a step.
+        assert_eq!([0.5, 1.0].map(|step| of(100, step)), [Some((1.0, false)), Some((0.375, true))]);
+        assert_eq!([1.0, 2.0].map(|step| of(200, step)), [Some((1.0, false)), Some((0.75, true))]);
         // One that keeps the error, but does not fit.
-        assert_eq!(of_density(100, 6.2, None, 1.0), Some((-1, true)));
+        assert_eq!(of_density(100, 6.2, None, 1.0), Some((0.375, true)));
         let with_ramp = |step| of_density(32, 5.0, Some(1), step);
         assert_eq!(
             [1.0, 2.0].map(with_ramp),
-            [Some((0, false)), Some((0, true))],
+            [Some((1.0, false)), Some((1.0, true))],
             "rays are exact"
         );
         for bad in [f32::NAN, f32::INFINITY] {
-            assert_eq!(of_density(32, bad, None, 8.0), Some((0, false)));
+            assert_eq!(of_density(32, bad, None, 8.0), Some((1.0, false)));
         }
-        assert_eq!([2.0, 4.0].map(|step| of(512, step)), [Some((1, false)), Some((1, true))]);
+        assert_eq!([2.0, 4.0].map(|step| of(512, step)), [Some((2.0, false)), Some((2.0, true))]);
     }
 }

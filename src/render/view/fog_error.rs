@@ -5,9 +5,8 @@ use vdb_core::tree::CoordBox;
 use super::extinction::Extinction;
 use super::lattice::Lattice;
 
-/// log₂ of the smallest and the largest spacing in cells. The largest is an edge of a leaf.
-pub(super) const MIN_LOG: i32 = -2;
-pub(super) const MAX_LOG: i32 = 3;
+/// Intervals between samples in a block of them, of which the edge is a whole number of cells.
+pub(super) const BLOCK_INTERVALS: u32 = 8;
 /// The shortest and the longest step of a ray, in voxels.
 const MIN_STEP: f64 = 0.25;
 const MAX_STEP: f64 = 16.0;
@@ -23,6 +22,9 @@ const STEP_ERROR: f64 = 1.0;
 const SPACING_DETAIL_ERROR: f64 = 0.08;
 const SINGLE_SPACING_DETAIL_ERROR: f64 = 0.2;
 const STEP_DETAIL_ERROR: f64 = 0.9;
+/// What errors of spacings below a cell are multiplied by with single scattering: they fall with the spacing rather than
+/// with its square.
+const SINGLE_FINE_ERROR: f64 = 1.6;
 /// With single scattering, the light of dense fog comes from the first part of a ray, so there are fewer steps whose
 /// errors can average out. The ray is taken to end at this optical depth.
 const SEEN_DEPTH: f64 = 2.0;
@@ -30,6 +32,29 @@ const SEEN_DEPTH: f64 = 2.0;
 const SPACING_PART: f64 = 0.8;
 /// Steps of a ray along the longest edge of a fog, however thin and smooth, for a relative error of 1 %.
 const STEPS: f64 = 65.0;
+
+/// A distance between samples of the light cache.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub(crate) struct Spacing {
+    /// The edge of a block of [`BLOCK_INTERVALS`], in cells.
+    pub block: i32,
+}
+
+impl Spacing {
+    /// All, in ascending order, from a quarter of a cell to the edge of a leaf. Below a cell, finer ones than needed
+    /// would only take memory; above it, what they leave of the error makes for longer steps.
+    pub(super) const ALL: [Self; 10] = {
+        const fn of(block: i32) -> Spacing {
+            Spacing { block }
+        }
+        [of(2), of(3), of(4), of(5), of(6), of(7), Self::CELL, of(16), of(32), of(64)]
+    };
+    pub(super) const CELL: Self = Self { block: BLOCK_INTERVALS as i32 };
+
+    pub fn in_cells(self) -> f64 {
+        f64::from(self.block) / f64::from(BLOCK_INTERVALS)
+    }
+}
 
 /// The accuracy that a camera asks of the light cache.
 #[derive(Clone, Copy, Debug)]
@@ -69,13 +94,13 @@ impl Detail {
         Self { error: error.into(), single_scattering, extinction, cell, edge, thickness }
     }
 
-    /// The error of linear interpolation between samples of optical depth `2^log` cells apart.
+    /// The error of linear interpolation between samples of optical depth.
     ///
     /// It is of second order. For clouds of fractal noise, whose details are a fixed part of the whole, it is
     /// [`SPACING_ERROR`] times the optical depth per cell and the square of the spacing, divided by the cells across.
     /// The second differences of rougher fogs are larger than this law assumes, and their error follows from them.
-    fn spacing_error(&self, log: i32) -> f64 {
-        let spacing = f64::from(log).exp2();
+    fn spacing_error(&self, spacing: Spacing) -> f64 {
+        let spacing = spacing.in_cells();
         let depth = self.cell * self.extinction.shadow_largest;
         let of_clouds = SPACING_ERROR * depth * spacing * spacing / self.edge;
         // Within a cell, density itself is linear.
@@ -84,14 +109,14 @@ impl Detail {
         let missed = cells * difference * (spacing / cells).powi(2);
         let factor =
             if self.single_scattering { SINGLE_SPACING_DETAIL_ERROR } else { SPACING_DETAIL_ERROR };
-        of_clouds.max(factor * missed)
+        let is_fine = self.single_scattering && spacing < 1.0;
+        of_clouds.max(factor * missed) * if is_fine { SINGLE_FINE_ERROR } else { 1.0 }
     }
 
-    /// log₂ of the largest spacing of samples, in cells, that keeps its part of the error; `None` if even the smallest
-    /// spacing does not.
-    pub fn spacing_log(&self) -> Option<i32> {
+    /// The largest spacing of samples that keeps its part of the error; `None` if even the smallest does not.
+    pub fn spacing(&self) -> Option<Spacing> {
         let permitted = SPACING_PART * self.error;
-        (MIN_LOG..=MAX_LOG).rev().find(|log| self.spacing_error(*log) <= permitted)
+        Spacing::ALL.into_iter().rev().find(|spacing| self.spacing_error(*spacing) <= permitted)
     }
 
     /// The error of sampling density only once per step, at the midpoint. The step is in cells.
@@ -118,12 +143,14 @@ impl Detail {
 
     /// Cells between samples of density along a ray that keep the error, given the spacing of the samples of light.
     /// The error of both is the root of the sum of their squares.
-    pub fn step(&self, log: i32) -> f32 {
+    pub fn step(&self, spacing: Spacing) -> f32 {
         // If no spacing keeps its part, steps are as short as if one just did. So they are with spacings below a cell:
         // fog that needs them is so dense that light fades within a step. With all that such a spacing leaves, single
         // scattering in a cloud of 0.4 per cell was off by 1.06 % where 1 % was asked for.
         let limit = SPACING_PART * self.error;
-        let spacing_error = if log < 0 { limit } else { self.spacing_error(log).min(limit) };
+        let is_below_cell = spacing < Spacing::CELL;
+        let spacing_error =
+            if is_below_cell { limit } else { self.spacing_error(spacing).min(limit) };
         let left = (self.error * self.error - spacing_error * spacing_error).sqrt();
         let (mut keeps, mut exceeds) = (MIN_STEP, MAX_STEP);
         if self.step_error(exceeds) <= left {
@@ -152,7 +179,7 @@ pub(super) mod tests {
         CacheAccuracy { error, single_scattering: false }
     }
 
-    /// log₂ of the spacing, and the step, for a fog whose longest edge has this many cells.
+    /// The edge of a block of intervals, and the step, for a fog whose longest edge has this many cells.
     fn of(
         accuracy: CacheAccuracy,
         (volume, lattice): (types::Volume, Lattice),
@@ -163,8 +190,8 @@ pub(super) mod tests {
         let thickness = lattice.detail.thickness.into();
         let error = error.into();
         let detail = Detail { error, single_scattering, extinction, cell: 1.0, edge, thickness };
-        let log = detail.spacing_log();
-        (log, detail.step(log.unwrap_or(0)))
+        let spacing = detail.spacing();
+        (spacing.map(|spacing| spacing.block), detail.step(spacing.unwrap_or(Spacing::CELL)))
     }
 
     #[test]
@@ -172,27 +199,27 @@ pub(super) mod tests {
         let of = |error, density, edge| {
             of(multiple(error), fog(IVec3::ZERO, IVec3::splat(8), density), edge)
         };
-        let expect = |(error, density, edge), log, step: f32| {
+        let expect = |(error, density, edge), block, step: f32| {
             let found = of(error, density, edge);
             assert!(
-                found.0 == log && (0.98 * step..=step).contains(&found.1),
+                found.0 == block && (0.98 * step..=step).contains(&found.1),
                 "{density}: {found:?}"
             );
         };
-        expect((0.01, 0.03, 512.0), Some(3), 6.1);
-        expect((0.01, 0.12, 512.0), Some(2), 5.4);
+        expect((0.01, 0.03, 512.0), Some(64), 6.1);
+        expect((0.01, 0.12, 512.0), Some(32), 5.4);
         // The spacing leaves more.
-        expect((0.01, 0.1, 512.0), Some(2), 6.35);
+        expect((0.01, 0.1, 512.0), Some(32), 6.35);
         // Less than a cell.
-        expect((0.01, 0.5, 64.0), Some(-1), 0.77);
+        expect((0.01, 0.5, 64.0), Some(5), 0.77);
         expect((0.01, 5.0, 64.0), None, 0.28);
         // Small grids have small details.
-        expect((0.01, 0.03, 65.0), Some(1), 0.97);
+        expect((0.01, 0.03, 65.0), Some(16), 0.97);
         // Light fades within a quarter of a cell.
         expect((0.01, 4.2, 64.0), None, 0.304);
-        assert_eq!(of(1.0, 0.0, 1e6), (Some(MAX_LOG), MAX_STEP as f32));
-        assert_eq!(of(0.01, 0.26, 64.0).0, Some(-1));
-        assert_eq!(of(0.01, 1.1, 64.0).0, Some(-2));
+        assert_eq!(of(1.0, 0.0, 1e6), (Some(64), MAX_STEP as f32));
+        assert_eq!(of(0.01, 0.26, 64.0).0, Some(7));
+        assert_eq!(of(0.01, 1.1, 64.0).0, Some(3));
         for bad in [f32::NAN, f32::INFINITY] {
             assert_eq!(of(0.01, bad, 64.0).0, None);
         }
@@ -209,7 +236,7 @@ pub(super) mod tests {
         };
         assert_eq!(of(0.0), of(1.0), "the law of clouds");
         let (spacing, step) = of(10.0);
-        assert!(spacing == Some(0) && (1.0..2.0).contains(&step), "{spacing:?} {step}");
+        assert!(spacing == Some(8) && (1.0..2.0).contains(&step), "{spacing:?} {step}");
         assert!(of(20.0).1 < step && of(5.0).1 > step);
     }
 
@@ -236,6 +263,12 @@ pub(super) mod tests {
 
     #[test]
     fn single_scattering_has_finer_samples() {
+        let below_a_cell = |single_scattering| {
+            let (volume, mut lattice) = fog(IVec3::ZERO, IVec3::splat(8), 0.4);
+            lattice.detail.differences = [0.0; 3];
+            of(CacheAccuracy { error: 0.01, single_scattering }, (volume, lattice), 80.0).0
+        };
+        assert_eq!([false, true].map(below_a_cell), [Some(7), Some(5)]);
         let of = |single_scattering, density: f32, roughness: f32| {
             let (volume, mut lattice) = fog(IVec3::ZERO, IVec3::splat(8), density);
             lattice.detail.mean = 0.5;
@@ -245,7 +278,7 @@ pub(super) mod tests {
         };
         // The law of clouds is the same.
         assert_eq!(of(true, 0.02, 0.1), of(false, 0.02, 0.1));
-        assert_eq!([false, true].map(|single| of(single, 0.2, 1.0).0), [Some(1), Some(0)]);
+        assert_eq!([false, true].map(|single| of(single, 0.2, 1.0).0), [Some(16), Some(8)]);
         // A ray that sees all of a fog needs about the same steps; one that sees a part of it, shorter ones.
         let steps = |density| [false, true].map(|single| of(single, density, 3.0).1);
         let [multiple, single] = steps(0.02);
