@@ -99,16 +99,16 @@ fn standard_webgpu() -> RenderCreation {
     RenderCreation::Automatic(Box::new(standard))
 }
 
-/// The threads of all apps of a program. Bevy has one thread for the systems of an app where there are few
-/// cores; tests that run beside one another would wait for each other there.
+/// Thread pools, which all apps of a program share. Where there are few cores, Bevy gives their systems one
+/// thread, where tests that run beside one another would wait for each other.
 fn pools() -> TaskPoolOptions {
-    TaskPoolOptions { compute: threads(4), ..default() }
+    TaskPoolOptions { compute: threads(4, usize::MAX), ..default() }
 }
 
-fn threads(number: usize) -> TaskPoolThreadAssignmentPolicy {
+fn threads(least: usize, most: usize) -> TaskPoolThreadAssignmentPolicy {
     TaskPoolThreadAssignmentPolicy {
-        min_threads: number,
-        max_threads: number,
+        min_threads: least,
+        max_threads: most,
         percent: 1.0,
         on_thread_spawn: None,
         on_thread_destroy: None,
@@ -152,10 +152,11 @@ impl Stage {
         Self::made(RenderPlugin::default(), None, pools(), add)
     }
 
-    /// The same on a machine of few cores, where Bevy has one thread for all that takes long. The first app
-    /// of a program says so for all of them.
+    /// The same on a machine of few cores, where Bevy has one thread for systems and one for all that takes
+    /// long. The first app of a program says so for all of them.
     pub fn compiling_on_one_thread() -> Self {
-        let pools = TaskPoolOptions { async_compute: threads(1), ..pools() };
+        let pools =
+            TaskPoolOptions { compute: threads(1, 1), async_compute: threads(1, 1), ..default() };
         Self::made(RenderPlugin::default(), None, pools, |_| {})
     }
 

@@ -31,7 +31,8 @@ struct Job {
 
 const LEAF_CELLS: i32 = 8;
 
-// Whether fog may touch any of the eight cubes between samples around a sample, which is in a cell of the volume.
+// Whether fog may touch any of the eight cubes between samples around a sample, given by its local cell and its position
+// in that cell.
 fn is_beside_fog(grid: Grid, cell: vec3<i32>, frac: vec3<f32>) -> bool {
     let low = max(cell + vec3<i32>(floor(frac - job.spacing)), grid.occupied_min);
     let high = min(cell + vec3<i32>(ceil(frac + job.spacing)) - 1, grid.occupied_max);
@@ -39,7 +40,8 @@ fn is_beside_fog(grid: Grid, cell: vec3<i32>, frac: vec3<f32>) -> bool {
         return false;
     }
     var accessor = new_accessor(low);
-    // Spacings are at most a leaf, so there are at most two leaves along each axis: those above a cell are powers of 2.
+    // There are at most two leaves along each axis: spacings of a cell and more divide the edge of a leaf, with samples at
+    // multiples of them, and below a cell, the cubes touch at most three cells.
     for (var i = 0; i < 8; i++) {
         let corner = vec3(i & 1, (i >> 1u) & 1, i >> 2u) * LEAF_CELLS;
         let at = min(low + corner, high);

@@ -135,7 +135,7 @@ mod tests {
                 let before = [0, 1]
                     .map(|i| (column[i] as f32 + shift(plane)[i] - shift(plane - 1)[i]) as u32);
                 let way = position(&job, before, plane - 1) - position(&job, column, plane);
-                let way = world_from_local.matrix3 * (way * 4.0);
+                let way = world_from_local.matrix3 * (way * layout.spacing.in_cells());
                 let expected = to_sun.as_dvec3() * f64::from(job.segment);
                 assert!(way.distance(expected) < 1e-4 * way.length(), "{way} {expected}");
             }

@@ -43,7 +43,7 @@ impl CacheLayout {
             return None;
         }
         let samples = blocks * BLOCK_INTERVALS + 1;
-        let layout = Self { origin: first * block, samples, spacing };
+        let layout = Self { origin: first.checked_mul(block)?, samples, spacing };
         (layout.staging_bytes() <= MAX_BYTES).then_some(layout)
     }
 
@@ -100,7 +100,7 @@ impl CachedFog {
             layout.spacing >= Spacing::CELL
                 || (is_small && lattice.ramp.is_none() && beats_rays(layout.spacing))
         };
-        let layout = Spacing::ALL
+        let layout = Spacing::all()
             .into_iter()
             .filter(|spacing| wanted.is_none_or(|wanted| *spacing >= wanted))
             .filter_map(|spacing| CacheLayout::new(occupied, spacing))
@@ -151,7 +151,7 @@ mod tests {
     #[test]
     fn all_cells_are_between_samples() {
         for (min, max) in [(IVec3::ZERO, IVec3::ZERO), (IVec3::new(-5, 31, 33), IVec3::splat(64))] {
-            for spacing in Spacing::ALL {
+            for spacing in Spacing::all() {
                 let layout = CacheLayout::new(CoordBox { min, max }, spacing).unwrap();
                 assert!(layout.origin.cmple(min).all());
                 assert!((layout.origin + spacing.block).cmpgt(min).all());
@@ -161,6 +161,10 @@ mod tests {
                 assert!(end.cmpgt(max).all() && before.cmple(max).all(), "{layout:?}");
             }
         }
+        let lowest = CoordBox { min: IVec3::MIN, max: IVec3::MIN + 3 };
+        let has_blocks = Spacing::all().map(|spacing| CacheLayout::new(lowest, spacing).is_some());
+        let has_multiple = Spacing::all().map(|spacing| i32::MIN % spacing.block == 0);
+        assert_eq!(has_blocks, has_multiple, "others would begin below all coordinates");
         let all = CoordBox { min: IVec3::MIN, max: IVec3::MAX };
         assert_eq!(CacheLayout::new(all, Spacing::CELL), None);
         let long = |length| CoordBox { min: IVec3::ZERO, max: IVec3::new(0, 0, length - 1) };
