@@ -44,7 +44,7 @@ fn lamps(scene: &mut Cloud) -> [Entity; 2] {
 fn lamps_are_within_the_error_that_is_asked_for() {
     let mut stage = Stage::new();
     for name in ["lamps alone", "beside a sun", "a lamp within the cloud", "a dense cloud"] {
-        // At 0.01, samples in the dense cloud are half a voxel apart.
+        // At 0.01, samples in the dense cloud are three quarters of a voxel apart.
         let mut scene = Cloud::on(stage, if name == "a dense cloud" { 4.0 } else { 1.0 });
         if name == "a lamp within the cloud" {
             let lamp = PointLight { intensity: 1000.0, ..bulb() };
