@@ -145,13 +145,13 @@ fn errors_in_fog(
     stage.world().spawn(light);
     let picture = stage.picture(&target);
     picture.save(name);
-    let (mut errors, step) = (Vec::new(), 1e-3);
+    let (mut errors, step) = (Vec::new(), 4e-3);
     for y in (0..SIZE.y).step_by(4) {
         for x in (0..SIZE.x).step_by(4) {
             let (_, dir) = pixel_ray(view, x, y);
             let dir = dir.normalize();
             let (mut expected, mut depth) = (0.0, 0.0);
-            for i in 0..4000 {
+            for i in 0..1000 {
                 let place = dir * (step * (f64::from(i) + 0.5));
                 // Rays begin at the near plane.
                 if place.z > -0.1 {
