@@ -119,7 +119,7 @@ pub(super) fn spot() -> impl Bundle {
 /// What is blocked of a ray from a place to a light, by the reference.
 type Blocks<'a> = &'a dyn Fn(DVec3, DVec3) -> bool;
 
-/// What the ball blocks. The reference, which takes long, need only trace rays that pass its surface within two voxels.
+/// What the ball blocks. The reference takes long: only rays that pass within two voxels of the surface need it.
 fn blocked_by_ball(at: DVec3, way: DVec3, reference: impl Fn(&Ray) -> bool) -> bool {
     let to_center = CENTER - at;
     let distance = to_center.cross(way.normalize()).length();
