@@ -82,9 +82,7 @@ impl Scene {
 
     fn hides(&self, center: DVec3, radius: f64, x: u32, y: u32) -> bool {
         let (origin, dir) = pixel_ray(self.view, x, y);
-        let dir = dir.normalize();
-        let way = center - origin;
-        (way - dir * way.dot(dir)).length() < radius
+        distance_from_line(origin, dir, center) < radius
     }
 }
 
@@ -119,12 +117,17 @@ pub(super) fn spot() -> impl Bundle {
 /// What is blocked of a ray from a place to a light, by the reference.
 type Blocks<'a> = &'a dyn Fn(DVec3, DVec3) -> bool;
 
-/// What the ball blocks. The reference takes long: only rays that pass within two voxels of the surface need it.
+/// The distance of a point from the line through `origin` along `dir`.
+fn distance_from_line(origin: DVec3, dir: DVec3, point: DVec3) -> f64 {
+    (point - origin).reject_from(dir).length()
+}
+
+/// Whether the ball blocks a ray. The reference is slow, so it traces only rays that pass within two voxels of
+/// the surface; geometry decides all others.
 fn blocked_by_ball(at: DVec3, way: DVec3, reference: impl Fn(&Ray) -> bool) -> bool {
-    let to_center = CENTER - at;
-    let distance = to_center.cross(way.normalize()).length();
+    let distance = distance_from_line(at, way, CENTER);
     if (distance - RADIUS).abs() > 2.0 * VOXEL {
-        return distance < RADIUS && to_center.dot(way) > 0.0;
+        return distance < RADIUS && (CENTER - at).dot(way) > 0.0;
     }
     reference(&Ray::from_f64(at / VOXEL, way / VOXEL))
 }

@@ -2,7 +2,7 @@
 
 use super::{EVERYTHING_DEF, SCATTERED_LIGHT, SHADOWS, TWO_FOGS, Trace, subsets};
 
-/// The lights of the cache, for each set of kinds and of further defs, with these.
+/// Checks `surfaces` with every kind of light in the cache, each with all sets of further defs.
 fn check_light_cache(surfaces: &[&str]) {
     let mut trace = Trace::new();
     for kinds in subsets(&["VDB_SMOOTH", "VDB_EMISSION"]) {
