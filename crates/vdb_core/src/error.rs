@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use crate::display::{ERROR_CHARS, escaped, quoted};
+use crate::work::Cancelled;
 
 /// Why a file, or one of its grids, could not be read or written.
 ///
@@ -202,5 +203,11 @@ impl Error {
     pub fn in_file(mut self, path: impl AsRef<Path>) -> Self {
         self.place_mut().path.get_or_insert_with(|| path.as_ref().to_owned());
         self
+    }
+}
+
+impl From<Cancelled> for Error {
+    fn from(Cancelled: Cancelled) -> Self {
+        Self::cancelled()
     }
 }

@@ -1,5 +1,6 @@
 //! Long-running work with progress reports, cancellation and a memory budget.
 
+use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
@@ -28,6 +29,41 @@ pub(crate) enum Stop {
     Cancelled,
     /// The work needs at least `needed` bytes, which exceeds `limit`.
     Memory { needed: u64, limit: u64 },
+}
+
+/// The bytes of a file that are done, counted by several threads.
+pub(crate) struct Progress<'a> {
+    done: AtomicU64,
+    all: u64,
+    tell: Option<&'a ProgressFn>,
+}
+
+/// The progress callback requested cancellation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Cancelled;
+
+impl<'a> Progress<'a> {
+    pub fn new(all: usize, tell: Option<&'a ProgressFn>) -> Self {
+        Self { done: AtomicU64::new(0), all: all as u64, tell }
+    }
+
+    /// Adds bytes that are done, and reports their total. To be called every few milliseconds, with 0
+    /// bytes if need be.
+    pub fn add(&self, bytes: usize) -> Result<(), Cancelled> {
+        self.report(self.done.fetch_add(bytes as u64, Ordering::Relaxed) + bytes as u64)
+    }
+
+    /// Reports that all bytes before an offset are done.
+    pub fn reach(&self, offset: usize) -> Result<(), Cancelled> {
+        self.report(self.done.fetch_max(offset as u64, Ordering::Relaxed).max(offset as u64))
+    }
+
+    fn report(&self, done: u64) -> Result<(), Cancelled> {
+        match self.tell.map(|tell| tell(done.min(self.all), self.all)) {
+            Some(ControlFlow::Break(())) => Err(Cancelled),
+            _ => Ok(()),
+        }
+    }
 }
 
 /// Work of a known number of steps, shared by several threads.

@@ -313,11 +313,12 @@ fn only_selected_grids_are_decoded() {
 }
 
 #[test]
-fn progress_is_reported_for_each_grid_and_cancels() {
+fn progress_is_reported_within_grids_and_cancels() {
     let tree = || AnyTree::Float(synth::fog::sphere(DVec3::ZERO, 9.0, 3.0).into());
     let file = VdbFile::new(["a", "b"].map(|name| Grid::new(name, tree())).into());
     let bytes = CookedFile::cook(&file, &CookOptions::default()).unwrap().write().unwrap();
     let reports = Arc::new(Mutex::new(Vec::new()));
+    let spare = Arc::new(SpareWords::new(1 << 30));
     let report = |last: u64| {
         let reports = reports.clone();
         let progress = move |done: u64, all: u64| {
@@ -325,15 +326,25 @@ fn progress_is_reported_for_each_grid_and_cancels() {
             if done > last { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         };
         let progress: Option<Arc<ProgressFn>> = Some(Arc::new(progress));
-        CookedFile::read(&bytes, &ReadOptions { progress, ..ReadOptions::default() })
+        let options = ReadOptions { progress, ..ReadOptions::default() };
+        CookedFile::read_reusing(&bytes, &options, &spare)
     };
-    assert!(report(u64::MAX).is_ok());
+    let words = report(u64::MAX).unwrap().grids.iter().map(|grid| grid.packed.bytes()).sum();
+    // All memory is used again, and given back even though the second grid is not decoded.
+    assert_eq!(spare.bytes(), words);
     let all = bytes.len() as u64;
     let told = std::mem::take(&mut *reports.lock().unwrap());
-    let [(0, a), (middle, b), (end, c)] = told[..] else { panic!("{told:?}") };
-    assert!(end == all && [a, b, c] == [all; 3] && middle > all / 3, "{told:?}");
+    assert!(told.iter().all(|(done, of)| done <= of && *of == all), "{told:?}");
+    assert_eq!((told.first(), told.last()), (Some(&(0, all)), Some(&(all, all))));
+    // The ball touches eight lower nodes, each of which is reported.
+    let first_half = told.iter().filter(|(done, _)| (1..all / 2).contains(done)).count();
+    assert!(first_half >= 8, "{told:?}");
     assert_eq!(report(0).unwrap_err(), CookedError::Cancelled);
-    assert_eq!(reports.lock().unwrap().len(), 2, "the second grid was decoded");
+    assert_eq!(spare.bytes(), words);
+    let told = std::mem::take(&mut *reports.lock().unwrap());
+    assert!(told.iter().all(|(done, _)| *done < all / 2), "the second grid was decoded: {told:?}");
+    // At most one lower node per thread goes on.
+    assert!(told.len() < 2 + rayon::current_num_threads().min(8), "{told:?}");
 }
 
 #[test]

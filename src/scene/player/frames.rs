@@ -22,6 +22,7 @@ const PAUSE: Duration = Duration::from_secs(1);
 #[reflect(Resource, Clone, Debug, Default, PartialEq)]
 pub struct VdbFrameCache {
     /// The number of frames to load ahead of the wanted one, in the direction of play. 8 by default.
+    /// After a seek, none until the wanted frame is loaded.
     pub frames_ahead: usize,
     /// The memory limit in bytes for decoded frames: their trees, and the words for the GPU. Below
     /// it, frames stay in memory after they are played, so a short loop is decoded once. Beyond it,
@@ -125,6 +126,11 @@ impl Frames {
 
     pub fn has_failed(&self, key: Key) -> bool {
         self.frames.get(&key).is_some_and(|frame| frame.held == Held::Failed)
+    }
+
+    /// Whether a frame has been loaded or has failed.
+    pub fn has_ended(&self, key: Key) -> bool {
+        self.frames.get(&key).is_some_and(|frame| !matches!(frame.held, Held::Loading { .. }))
     }
 
     /// The frames of a sequence.

@@ -108,6 +108,7 @@ fn warn_of(tell: &Tell, path: &str) {
 
 /// Starts the loads that players need and, if memory is short, releases frames that no player needs.
 pub(super) fn load_frames(
+    mut commands: Commands,
     cache: Res<VdbFrameCache>,
     mut usage: ResMut<VdbFrameCacheUsage>,
     mut frames: ResMut<Frames>,
@@ -128,9 +129,13 @@ pub(super) fn load_frames(
     for (id, playbacks) in &by_sequence {
         let estimate = frames.known.get(id).map_or(0, |known| known.largest);
         let mut own = Vec::new();
-        for wanted in playbacks.iter().filter_map(|playback| playback.wanted) {
-            let ahead = wanted.onwards().take(cache.frames_ahead.saturating_add(1)).enumerate();
-            own.extend(ahead.map(|(distance, index)| Need {
+        for playback in playbacks {
+            let Some(wanted) = playback.wanted else { continue };
+            // Someone waits for a frame that is sought: it has all cores for itself.
+            let is_awaited = playback.sought.is_some() && !frames.has_ended((*id, wanted.index));
+            let ahead = if is_awaited { 0 } else { cache.frames_ahead };
+            let needed = wanted.onwards().take(ahead.saturating_add(1)).enumerate();
+            own.extend(needed.map(|(distance, index)| Need {
                 key: (*id, index),
                 distance: distance as u64,
                 estimate,
@@ -160,6 +165,11 @@ pub(super) fn load_frames(
     let entries: BTreeMap<Key, Entry> = frames.frames.iter().map(entry).collect();
     let bounds = Bounds { bytes: cache.bytes, loads: cache.loads_at_once };
     let plan = plan(&entries, needs, bounds);
+    let is_load = |key: &Key| !frames.has_ended(*key);
+    if plan.release.iter().any(is_load) {
+        // Bevy would cancel them in the next update, and they take cores from those that begin now.
+        commands.run_system_cached(Assets::<VdbFile>::track_assets);
+    }
     for key in plan.release {
         frames.release(key);
     }

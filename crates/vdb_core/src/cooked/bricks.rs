@@ -11,12 +11,14 @@ use rayon::prelude::*;
 
 use super::beside::{Owner, Tree};
 use super::counts::{Counts, MOST_CODINGS};
+use super::error::CookedError;
 use super::rows::{Coded, Coding, VALUES};
 use super::steps::Steps;
 use super::words::MOST_RATIO;
 use crate::pack::checked::Fault;
 use crate::pack::layout::*;
 use crate::pack::sections::Outline;
+use crate::work::Progress;
 
 /// Leaves whose numbers of planes are stored together.
 pub(super) const CHUNK: usize = 64;
@@ -162,12 +164,13 @@ fn lower_nodes<'a>(tree: &Tree, mut bricks: &'a mut [u32]) -> Vec<LowerNode<'a>>
     tree.heads().iter().enumerate().map(lower_node).collect()
 }
 
-/// Restores all bricks, whose words may hold anything.
+/// Restores all bricks, whose words may hold anything, unless it is cancelled.
 pub(super) fn restore<T: Sample>(
     leaves: Leaves,
     tree: &Tree,
     bricks: &mut [u32],
-) -> Result<(), Fault> {
+    progress: &Progress<'_>,
+) -> Result<(), CookedError> {
     let words = tree.header.brick_words as usize;
     let mut faces = vec![[[T::default(); 64]; 3]; bricks.len() / words];
     let mut lower_nodes = lower_nodes(tree, bricks);
@@ -176,11 +179,13 @@ pub(super) fn restore<T: Sample>(
     let own_faces: Vec<&mut [Faces<T>]> = lower_nodes.iter().map(own_faces).collect();
     let each = lower_nodes.par_iter_mut().zip(own_faces);
     each.try_for_each_init(Vec::new, |samples, (lower_node, faces)| {
-        restore_own(leaves, lower_node, samples, faces)?;
+        let bytes =
+            restore_own(leaves, lower_node, samples, faces).map_err(CookedError::damaged)?;
         write_bricks(leaves, tree, lower_node, samples, faces);
-        Ok(())
+        progress.add(bytes)?;
+        Ok::<_, CookedError>(())
     })?;
-    lower_nodes.into_par_iter().for_each(|LowerNode { number, head, slots, bricks }| {
+    lower_nodes.into_par_iter().try_for_each(|LowerNode { number, head, slots, bricks }| {
         let around = tree.around(number);
         for (i, (slot, brick)) in slots.into_iter().zip(bricks.chunks_exact_mut(words)).enumerate()
         {
@@ -199,20 +204,20 @@ pub(super) fn restore<T: Sample>(
                 }
             }
         }
-    });
-    Ok(())
+        Ok(progress.add(0)?)
+    })
 }
 
 /// Restores the samples that the leaves of a lower node own, and those of them that neighbours
-/// repeat.
+/// repeat. Returns the number of bytes that they were coded in.
 fn restore_own<T: Sample>(
     leaves: Leaves,
     lower_node: &LowerNode,
     samples: &mut Vec<[T; VALUES]>,
     faces: &mut [Faces<T>],
-) -> Result<(), Fault> {
-    let number = lower_node.number;
-    let mut at = leaves.ends[number];
+) -> Result<usize, Fault> {
+    let (start, end) = (leaves.ends[lower_node.number], leaves.ends[lower_node.number + 1]);
+    let mut at = start;
     // What is left of another lower node is overwritten.
     samples.resize(faces.len(), [T::default(); VALUES]);
     let mut codings = [Coding::default(); MOST_CODINGS];
@@ -225,7 +230,7 @@ fn restore_own<T: Sample>(
             copy_faces(samples, faces);
         }
     }
-    if at == leaves.ends[number + 1] { Ok(()) } else { Err("rows have the wrong length") }
+    if at == end { Ok(end - start) } else { Err("rows have the wrong length") }
 }
 
 fn copy_faces<T: Sample>(samples: &[T; VALUES], [x, y, z]: &mut Faces<T>) {

@@ -4,6 +4,7 @@ use thiserror::Error;
 
 use crate::display::{ERROR_CHARS, escaped, quoted};
 use crate::pack::PackError;
+use crate::work::Cancelled;
 
 /// Why a cooked file could not be read. `Display` is one line; text from the file is
 /// [escaped](crate::display::escaped).
@@ -73,6 +74,12 @@ impl CookedError {
             Self::Damaged { what, .. } => Self::Damaged { grid: Some(name.to_owned()), what },
             error => error,
         }
+    }
+}
+
+impl From<Cancelled> for CookedError {
+    fn from(Cancelled: Cancelled) -> Self {
+        Self::Cancelled
     }
 }
 

@@ -47,7 +47,7 @@ impl CookedFile {
 
     /// Decodes the selected grids of a file. Besides the result, this takes at most a quarter of the
     /// result's size and, on each thread, the samples of one cube of 128³ cells. Progress is
-    /// reported after each grid.
+    /// reported after each such cube of fog, and after each grid.
     ///
     /// # Errors
     /// If the bytes are no cooked file of this version, are damaged, or exceed

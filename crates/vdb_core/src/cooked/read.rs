@@ -16,13 +16,14 @@ use crate::format::cursor::Cursor;
 use crate::format::metadata;
 use crate::pack::sections::{Outline, Sections};
 use crate::pack::{SpareWords, Stored, checked};
+use crate::work::Progress;
 use crate::{GridSelection, ReadOptions};
 
 /// A grid in the bytes of a file.
 struct Parts<'a> {
     head: Head,
     /// The offset of the grid's end in the file.
-    end: u64,
+    end: usize,
     sections: Sections,
     /// The traversal tree and the records.
     tree: Packed<'a>,
@@ -69,17 +70,13 @@ pub(super) fn read(
         let limit = limits.packed_bytes;
         return Err(CookedError::LimitExceeded { what, name: "packed_bytes", limit });
     }
-    let report = |done: u64| match &options.progress {
-        Some(progress) if progress(done, bytes.len() as u64).is_break() => {
-            Err(CookedError::Cancelled)
-        }
-        _ => Ok(()),
-    };
-    report(0)?;
+    let progress = Progress::new(bytes.len(), options.progress.as_deref());
+    progress.add(0)?;
     let restored = parts.into_iter().map(|parts| -> Result<CookedGrid, CookedError> {
         let (name, end) = (parts.head.name.clone(), parts.end);
-        let grid = parts.restore(spare).map_err(|error| error.in_grid(&name))?;
-        report(end).map(|()| grid)
+        let grid = parts.restore(spare, &progress).map_err(|error| error.in_grid(&name))?;
+        progress.reach(end)?;
+        Ok(grid)
     });
     Ok(CookedFile { metadata, grids: restored.collect::<Result<_, _>>()? })
 }
@@ -125,7 +122,7 @@ impl<'a> Parts<'a> {
         } else {
             Samples::Words(Packed::read(cursor, outline.sample_words as usize)?)
         };
-        Ok(Self { head, end: cursor.at() as u64, sections, tree, palette, samples })
+        Ok(Self { head, end: cursor.at(), sections, tree, palette, samples })
     }
 
     fn leaves(outline: &Outline, cursor: &mut Cursor<'a>) -> Result<Samples<'a>, CookedError> {
@@ -167,12 +164,29 @@ impl<'a> Parts<'a> {
         4 * self.sections.all as u64 + leaves * face_bytes as u64
     }
 
-    fn restore(self, spare: Option<&Arc<SpareWords>>) -> Result<CookedGrid, CookedError> {
-        let Self { head: Head { name, class, transform, metadata, outline, .. }, sections, .. } =
-            self;
+    fn restore(
+        self,
+        spare: Option<&Arc<SpareWords>>,
+        progress: &Progress<'_>,
+    ) -> Result<CookedGrid, CookedError> {
         // Everything is written, because the words may be those of another grid.
-        let mut words =
-            spare.map_or_else(|| vec![0; sections.all], |spare| spare.take(sections.all));
+        let all = self.sections.all;
+        let mut words = spare.map_or_else(|| vec![0; all], |spare| spare.take(all));
+        if let Err(error) = self.write_words(&mut words, progress) {
+            // Whoever cancels usually loads another frame instead.
+            if let Some(spare) = spare {
+                spare.put(words);
+            }
+            return Err(error);
+        }
+        let Head { name, class, transform, metadata, outline, .. } = self.head;
+        let packed = outline.into_grid(self.sections.header, words).leaving_words_to(spare);
+        Ok(CookedGrid { name, class, transform, metadata, packed })
+    }
+
+    /// Writes all words of the grid.
+    fn write_words(&self, words: &mut [u32], progress: &Progress<'_>) -> Result<(), CookedError> {
+        let Self { head: Head { outline, .. }, sections, .. } = self;
         let (tree_words, rest) = words.split_at_mut(sections.tree);
         let (sample_words, palette) = rest.split_at_mut(sections.samples_end - sections.tree);
         self.tree.unpack(tree_words)?;
@@ -181,7 +195,7 @@ impl<'a> Parts<'a> {
             *word = bits;
         }
         let damaged = |fault: &'static str| CookedError::damaged(fault);
-        let places = checked::complete(tree_words, &outline, &sections).map_err(damaged)?;
+        let places = checked::complete(tree_words, outline, sections).map_err(damaged)?;
         match &self.samples {
             Samples::Words(packed) => packed.unpack(sample_words)?,
             Samples::Leaves { steps, codes, ends, bytes } => {
@@ -190,16 +204,17 @@ impl<'a> Parts<'a> {
                 let header = &sections.header;
                 let tree = Tree { header, words: tree_words, palette, places: &places };
                 match outline.stored() {
-                    Some(Stored::Byte) => bricks::restore::<u8>(leaves, &tree, sample_words),
-                    Some(Stored::Half) => bricks::restore::<u16>(leaves, &tree, sample_words),
-                    _ => bricks::restore::<u32>(leaves, &tree, sample_words),
-                }
-                .map_err(damaged)?;
+                    Some(Stored::Byte) => {
+                        bricks::restore::<u8>(leaves, &tree, sample_words, progress)
+                    }
+                    Some(Stored::Half) => {
+                        bricks::restore::<u16>(leaves, &tree, sample_words, progress)
+                    }
+                    _ => bricks::restore::<u32>(leaves, &tree, sample_words, progress),
+                }?;
             }
         }
-        checked::check_values(&words, &outline, &sections).map_err(damaged)?;
-        let packed = outline.into_grid(sections.header, words).leaving_words_to(spare);
-        Ok(CookedGrid { name, class, transform, metadata, packed })
+        checked::check_values(words, outline, sections).map_err(damaged)
     }
 }
 

@@ -18,6 +18,7 @@ use crate::format::metadata;
 use crate::pack::checked;
 use crate::pack::sections::{Outline, Sections};
 use crate::pack::{PackKind, Stored};
+use crate::work::Progress;
 
 pub(super) fn write(file: &CookedFile) -> Result<Vec<u8>, Error> {
     let mut out = Vec::new();
@@ -162,6 +163,7 @@ pub(super) fn restored<T: Sample>(
     let palette = &words[words.len() - 1 - outline.palette as usize..words.len() - 1];
     let mut bricks = vec![0; outline.leaves as usize * outline.brick_words()];
     let tree = Tree { header: &sections.header, words: &tree, palette, places: &places };
-    bricks::restore::<T>(owned.leaves(), &tree, &mut bricks).ok()?;
+    let unseen = Progress::new(owned.bytes.len(), None);
+    bricks::restore::<T>(owned.leaves(), &tree, &mut bricks, &unseen).ok()?;
     Some(bricks)
 }

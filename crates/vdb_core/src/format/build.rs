@@ -1,8 +1,6 @@
 //! The second pass over a tree: builds the nodes located by the first, on all cores.
 
 use std::cell::RefCell;
-use std::ops::ControlFlow;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 use rayon::prelude::*;
 
@@ -12,10 +10,11 @@ use super::header::NODE_MASK_COMPRESSION;
 use super::masks::{TreeContext, read_mask};
 use super::topology::{LEAF_MASK, Middle, MiddleScan, Scan, Upper, UpperScan, locate_tiles};
 use super::value_types::FileValue;
+use crate::Error;
 use crate::codec::Scratch;
 use crate::codec::mask::spread;
 use crate::tree::{Cube, Dim, Mask, Node, Tree};
-use crate::{Error, ProgressFn};
+use crate::work::Progress;
 
 /// Leaves built per task: about 100 µs of work, enough to make scheduling free and little enough to
 /// balance the load.
@@ -27,29 +26,6 @@ thread_local! {
 
 /// The children of an upper node, boxed as the node stores them.
 type Children<L> = Vec<Box<Middle<L>>>;
-
-/// Counts the bytes done and reports progress.
-pub(crate) struct Progress<'a> {
-    done: AtomicU64,
-    all: u64,
-    tell: Option<&'a ProgressFn>,
-}
-
-impl<'a> Progress<'a> {
-    pub(crate) fn new(all: usize, tell: Option<&'a ProgressFn>) -> Self {
-        Self { done: AtomicU64::new(0), all: all as u64, tell }
-    }
-
-    /// Adds bytes that are done.
-    pub(crate) fn add(&self, bytes: usize) -> Result<(), Error> {
-        let Some(tell) = self.tell else { return Ok(()) };
-        let done = self.done.fetch_add(bytes as u64, Ordering::Relaxed) + bytes as u64;
-        match tell(done.min(self.all), self.all) {
-            ControlFlow::Continue(()) => Ok(()),
-            ControlFlow::Break(()) => Err(Error::cancelled()),
-        }
-    }
-}
 
 impl<L: FileLeaf> Scan<L> {
     /// Builds the tree from the bytes of its grid.

@@ -6,13 +6,13 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::budget::Budget;
-use super::build::Progress;
 use super::cursor::Cursor;
 use super::descriptor::{self, Descriptor};
 use super::list::{Content, Head, Listed, Selection, Source, list_stream, list_with_offsets};
 use super::{header, metadata};
 use crate::display::{escaped, quoted};
 use crate::points::{PointGrid, Points};
+use crate::work::Progress;
 use crate::{AnyTree, Error, Grid, GridClass, Limits, ReadOptions, SkippedGrid, VdbFile};
 
 pub(crate) fn read(bytes: &[u8], options: &ReadOptions) -> Result<VdbFile, Error> {
@@ -33,7 +33,7 @@ pub(crate) fn read(bytes: &[u8], options: &ReadOptions) -> Result<VdbFile, Error
     let progress = Progress::new(bytes.len(), options.progress.as_deref());
     progress.add(0)?;
     let Finished { grids, points, skipped } = finish(listed, &progress)?;
-    progress.add(bytes.len())?;
+    progress.reach(bytes.len())?;
     Ok(VdbFile {
         version: header.version,
         library_version: header.library_version,

@@ -4,7 +4,6 @@ use std::collections::HashSet;
 use std::sync::Arc;
 
 use super::budget::Budget;
-use super::build::Progress;
 use super::cursor::Cursor;
 use super::descriptor::{self, Descriptor};
 use super::header::{self, Header};
@@ -12,6 +11,7 @@ use super::values::Encoding;
 use super::{metadata, points, topology, transform};
 use crate::display::escaped;
 use crate::points::{PointGrid, Points};
+use crate::work::Progress;
 use crate::{AnyTree, Compression, Error, GridSelection, Metadata, Transform};
 
 /// Builds a scanned tree, or scanned points.

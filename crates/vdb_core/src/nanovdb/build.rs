@@ -7,10 +7,11 @@ use super::layout::{child_mask, node};
 use super::leaves::Decode;
 use super::scan::{Inner, Scan};
 use crate::Error;
-use crate::format::build::{LEAVES_PER_TASK, Progress};
+use crate::format::build::LEAVES_PER_TASK;
 use crate::format::masks::read_mask;
 use crate::format::topology::{Middle, Upper};
 use crate::tree::{Cube, Dim, InternalNode, Mask, Node, Tree};
+use crate::work::Progress;
 
 /// The masks and tiles of an internal node.
 type Parts<T, const LOG2: u32> = (Mask<LOG2>, Mask<LOG2>, Box<[T]>);

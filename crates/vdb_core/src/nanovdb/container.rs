@@ -8,8 +8,8 @@ use flate2::{Decompress, FlushDecompress, Status};
 use super::layout::{GRID_BYTES, NAME_BYTES, TREE_BYTES, grid};
 use crate::codec::{Scratch, blosc};
 use crate::format::budget::Budget;
-use crate::format::build::Progress;
 use crate::format::cursor::Cursor;
+use crate::work::Progress;
 use crate::{Codec, Error};
 
 /// The first seven bytes of every file; the eighth says of what kind it is.

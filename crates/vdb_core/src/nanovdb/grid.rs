@@ -11,10 +11,10 @@ use super::layout::{Sizes, leaf};
 use super::leaves::{Bits, Decode, Indexed, Numbering, Plain, Quantized, States};
 use super::scan;
 use crate::format::budget::Budget;
-use crate::format::build::Progress;
 use crate::format::cursor::Cursor;
 use crate::format::topology::Upper;
 use crate::tree::Tree;
+use crate::work::Progress;
 use crate::{AnyTree, Error, GridClass, MetaValue, Metadata, Transform};
 
 /// A grid that has been read.

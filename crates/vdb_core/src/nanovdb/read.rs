@@ -5,11 +5,11 @@ use std::collections::HashMap;
 use super::container::{self, MAJOR, Packed, minor};
 use super::grid::{self, Parts};
 use crate::format::budget::Budget;
-use crate::format::build::Progress;
 use crate::format::cursor::Cursor;
 use crate::format::descriptor;
 use crate::format::file::check_length;
 use crate::format::list::Selection;
+use crate::work::Progress;
 use crate::{Compression, Error, Grid, MetaValue, ReadOptions, SkippedGrid, VdbFile};
 
 /// Reads a file.

@@ -23,7 +23,7 @@ impl SpareWords {
     }
 
     /// Keeps the words of a grid for the next ones. The oldest are freed if there are too many.
-    pub(super) fn put(&self, words: Vec<u32>) {
+    pub(crate) fn put(&self, words: Vec<u32>) {
         let mut spare = self.spare.lock().unwrap_or_else(PoisonError::into_inner);
         spare.push(words);
         let mut kept = 0;

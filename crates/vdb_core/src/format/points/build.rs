@@ -10,8 +10,8 @@ use super::codecs::{Coding, ReadValues, vec3d, vec3s};
 use super::scan::{Leaf, Scan};
 use crate::Error;
 use crate::codec::{Scratch, blosc};
-use crate::format::build::Progress;
 use crate::points::{PointAttribute, Points};
+use crate::work::Progress;
 
 thread_local! {
     static SCRATCH: RefCell<Scratch> = RefCell::default();
