@@ -198,6 +198,14 @@ fn draw(app: &mut App, args: &Args) -> Result<Pixels, String> {
         let ready = pipelines_ready(app)? && grids_ready(app, frames)?;
         settled = if ready { settled + 1 } else { 0 };
     }
+    let mut paged = app.world_mut().query::<&VdbPagesStatus>();
+    let failed: u32 = paged.iter(app.world()).map(|status| status.failed).sum();
+    if failed > 0 {
+        let pages = if failed == 1 { "a page".to_owned() } else { format!("{failed} pages") };
+        return Err(format!(
+            "{pages} of what is to be drawn cannot be loaded; see the message above"
+        ));
+    }
     app.init_resource::<Received>();
     app.world_mut().spawn(Readback::texture(target)).observe(
         |event: On<ReadbackComplete>, mut received: ResMut<Received>, mut commands: Commands| {

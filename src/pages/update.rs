@@ -116,7 +116,12 @@ fn note_arrivals(
         };
         // A hidden page is not shown only if the GPU has no room for it.
         let has_failed = match state {
-            VdbVolumeState::Failed(_) => true,
+            VdbVolumeState::Failed(reason) => {
+                if failed.is_empty() {
+                    warn_of(*id, index, reason);
+                }
+                true
+            }
             VdbVolumeState::NotShown(_) => !page.is_ready,
             VdbVolumeState::Unseen | VdbVolumeState::Drawn if !page.is_ready => {
                 exceeds_index(*id, index, grids.get(&volume.0))
@@ -131,6 +136,16 @@ fn note_arrivals(
         }
         !has_failed
     });
+}
+
+/// Warns of the first page of a volume that cannot be loaded.
+fn warn_of(id: PageId, index: &PageIndex, reason: &str) {
+    warn!(
+        "page {} of '{}' cannot be loaded: {reason}; coarser pages are displayed in its place, if \
+         there are any, and likewise for further pages that fail",
+        id.file(),
+        escaped(&index.name)
+    );
 }
 
 /// Whether a page is larger than its index says, so that the limit of memory would not hold.

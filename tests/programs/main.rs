@@ -20,6 +20,7 @@ mod sequence_files;
 mod smoke_file;
 mod viewer;
 mod viewer_app;
+mod viewer_pages;
 mod viewer_sequences;
 mod viewer_window;
 

@@ -45,8 +45,8 @@ fn difference(a: &[u8; 3], b: &[u8; 3]) -> u8 {
     (0..3).map(|i| a[i].abs_diff(b[i])).max().unwrap_or(0)
 }
 
-/// Fails to show something: exit code 1, one line that starts with our name, no panic.
-pub fn refused(change: impl FnOnce(&mut Command)) -> String {
+/// Fails to show something: exit code 1, no panic. Returns all that it says.
+pub fn fails(change: impl FnOnce(&mut Command)) -> String {
     let mut command = viewer();
     command.arg("--out").arg(temporary("refused.png"));
     change(&mut command);
@@ -54,6 +54,12 @@ pub fn refused(change: impl FnOnce(&mut Command)) -> String {
     let text = stderr(&output);
     assert_eq!(output.status.code(), Some(1), "{text}");
     assert!(!text.contains("panicked"), "{text}");
+    text
+}
+
+/// As [`fails`], with one line that starts with our name, which is returned.
+pub fn refused(change: impl FnOnce(&mut Command)) -> String {
+    let text = fails(change);
     let ours = text.lines().filter(|line| line.starts_with("viewer: "));
     let said: Vec<&str> = ours.filter(|line| !line.contains("instead")).collect();
     assert_eq!(said.len(), 1, "{text}");
@@ -61,7 +67,7 @@ pub fn refused(change: impl FnOnce(&mut Command)) -> String {
 }
 
 /// Whether pictures come from a GPU here, lavapipe counted in.
-fn on_gpu(output: &Output) -> bool {
+pub fn on_gpu(output: &Output) -> bool {
     let cpu = stderr(output).contains("tracing on the CPU instead");
     if cpu {
         adapter::skip();

@@ -1,0 +1,77 @@
+//! The viewer with surfaces in pages.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use bevy::math::{DAffine3, DVec3};
+use vdb_core::pages::{FunctionSource, PageOptions, cook_pages};
+use vdb_core::synth::level_set;
+use vdb_core::{AnyTree, Grid, GridClass, VdbFile, WriteOptions};
+
+use crate::files;
+use crate::viewer::{drawn, fails, on_gpu, picture, refused};
+
+const RADIUS: f64 = 100.0;
+
+fn temporary(name: &str) -> PathBuf {
+    files::temporary("viewer_pages", name)
+}
+
+/// Writes a ball around the origin in eight pages. Returns the path of their index.
+fn ball_in_pages(name: &str) -> PathBuf {
+    let (folder, half) = (temporary(name), DVec3::splat(RADIUS + 10.0));
+    let distance = |at: DVec3| at.length() - RADIUS;
+    let source = FunctionSource::new("ball", DAffine3::IDENTITY, [-half, half], distance);
+    let options = PageOptions { edge: 128, smooth: true, ..PageOptions::default() };
+    let index = cook_pages(&source, &options, &|id, bytes| {
+        let path = folder.join(id.file());
+        fs::create_dir_all(path.parent().unwrap())?;
+        fs::write(path, bytes)
+    });
+    let path = folder.join("ball.vdbpages");
+    index.unwrap().save(&path).unwrap();
+    path
+}
+
+/// The options of a camera that the ball fills half of.
+fn in_view(command: &mut std::process::Command, path: &Path) {
+    command.arg(path).args(["--eye", "0,0,400", "--target", "0,0,0", "--fov", "40"]);
+}
+
+#[test]
+fn a_ball_in_pages_is_that_of_a_whole_file() {
+    let (in_pages, output) = picture("pages.png", |c| in_view(c, &ball_in_pages("ball")));
+    if !on_gpu(&output) {
+        return;
+    }
+    let mut grid = Grid::new("ball", AnyTree::Float(level_set::sphere(DVec3::ZERO, RADIUS).into()));
+    grid.class = GridClass::LevelSet;
+    let path = temporary("ball.vdb");
+    VdbFile::new(vec![grid]).save(&path, &WriteOptions::default()).unwrap();
+    let (whole, _) = picture("whole.png", |c| in_view(c, &path));
+    assert!((3_000..12_000).contains(&drawn(&whole)), "{} pixels", drawn(&whole));
+    let pairs = in_pages.iter().zip(&whole);
+    let differ = pairs.filter(|(a, b)| (0..3).any(|i| a[i].abs_diff(b[i]) > 8)).count();
+    assert!(differ < 100, "{differ} pixels differ");
+}
+
+#[test]
+fn pages_that_cannot_be_shown_are_one_clear_error() {
+    let index = ball_in_pages("broken");
+    let said = refused(|c| _ = c.arg(&index).arg("--cpu"));
+    assert!(said.contains("on the CPU") && said.contains("pages"), "{said}");
+
+    let pages = index.with_file_name("0");
+    let first = fs::read_dir(&pages).unwrap().next().unwrap().unwrap().path();
+    let whole = fs::read(&first).unwrap();
+    fs::write(&first, &whole[..whole.len() / 2]).unwrap();
+    let said = fails(|c| in_view(c, &index));
+    let name = first.file_name().unwrap().to_string_lossy();
+    assert!(said.contains(&format!("page 0/{name} of 'ball' cannot be loaded")), "{said}");
+    assert!(said.contains("damaged") && said.contains("viewer: a page of"), "{said}");
+
+    let whole = fs::read(&index).unwrap();
+    fs::write(&index, &whole[..whole.len() / 2]).unwrap();
+    let said = refused(|c| in_view(c, &index));
+    assert!(said.contains("ball.vdbpages") && said.contains("damaged"), "{said}");
+}
