@@ -228,19 +228,20 @@ fn bytes(grid: &VdbGrid) -> u64 {
     grid.packed().bytes() + grid.tree().map_or(0, |tree| tree.stats().bytes)
 }
 
-/// Seeks while paused. Returns the columns of a table: the updates until frames are shown, the one
-/// that follows the seek included, and the time from the seek to the end of the last of them.
+/// Seeks while paused. Returns the columns of a table: the number of updates up to and including the
+/// one that shows the frame, and the time from the seek, just before the first of them, to the end of
+/// the last.
 fn seeks(stage: &mut impl Stage, entity: Entity, rate: u32) -> Result<String, String> {
     let (first, frames) = place(stage, entity)?;
     let mut random = Random::new(5);
     let (mut updates, mut times) = (Vec::new(), Vec::new());
     let mut screen = Screen::new(rate);
     for _ in 0..SEEKS {
+        screen.wait();
         let frame = first + random.below(frames);
         let mut own = player(stage, entity)?;
         own.pause();
         own.seek(frame);
-        screen.wait();
         let (start, mut count) = (Instant::now(), 0_u32);
         loop {
             stage.update();

@@ -201,9 +201,8 @@ fn draw(app: &mut App, args: &Args) -> Result<Pixels, String> {
     let mut paged = app.world_mut().query::<&VdbPagesStatus>();
     let failed: u32 = paged.iter(app.world()).map(|status| status.failed).sum();
     if failed > 0 {
-        let pages = if failed == 1 { "a page".to_owned() } else { format!("{failed} pages") };
         return Err(format!(
-            "{pages} of what is to be drawn cannot be loaded; see the message above"
+            "{failed} of the pages cannot be loaded or do not fit the GPU, as reported above"
         ));
     }
     app.init_resource::<Received>();

@@ -14,6 +14,8 @@ pub(super) struct PagesInMemory {
     pub pages: HashMap<PageId, LoadedPage>,
     /// Pages that could not be loaded, which are not tried again.
     pub failed: HashSet<PageId>,
+    /// Whether a warning about one of them has been logged.
+    pub has_warned: bool,
     /// Counts updates.
     pub frame: u64,
     /// Updates until Bevy has dropped the pages of an earlier index, whose files may have the same names.

@@ -93,6 +93,7 @@ pub(super) fn update_pages(
 fn forget_all(memory: &mut PagesInMemory, commands: &mut Commands) {
     memory.pages.drain().for_each(|(_, page)| despawn(&page, commands));
     memory.failed.clear();
+    memory.has_warned = false;
 }
 
 fn despawn(page: &LoadedPage, commands: &mut Commands) {
@@ -108,7 +109,7 @@ fn note_arrivals(
     commands: &mut Commands,
 ) {
     memory.frame += 1;
-    let PagesInMemory { pages: loaded, failed, .. } = memory;
+    let PagesInMemory { pages: loaded, failed, has_warned, .. } = memory;
     loaded.retain(|id, page| {
         // A page whose entity the app has despawned is loaded again.
         let Ok((volume, state, _)) = pages.get(page.entity) else {
@@ -117,7 +118,7 @@ fn note_arrivals(
         // A hidden page is not shown only if the GPU has no room for it.
         let has_failed = match state {
             VdbVolumeState::Failed(reason) => {
-                if failed.is_empty() {
+                if !std::mem::replace(has_warned, true) {
                     warn_of(*id, index, reason);
                 }
                 true
@@ -138,11 +139,11 @@ fn note_arrivals(
     });
 }
 
-/// Warns of the first page of a volume that cannot be loaded.
+/// Warns of the first page of a volume that cannot be loaded. Bevy logs the reason for each.
 fn warn_of(id: PageId, index: &PageIndex, reason: &str) {
     warn!(
-        "page {} of '{}' cannot be loaded: {reason}; coarser pages are displayed in its place, if \
-         there are any, and likewise for further pages that fail",
+        "page {} of '{}' cannot be loaded: {reason}; pages of other levels are displayed instead \
+         where there are any, and no warning follows for further pages of this volume",
         id.file(),
         escaped(&index.name)
     );

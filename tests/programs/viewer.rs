@@ -67,7 +67,7 @@ pub fn refused(change: impl FnOnce(&mut Command)) -> String {
 }
 
 /// Whether pictures come from a GPU here, lavapipe counted in.
-pub fn on_gpu(output: &Output) -> bool {
+fn on_gpu(output: &Output) -> bool {
     let cpu = stderr(output).contains("tracing on the CPU instead");
     if cpu {
         adapter::skip();

@@ -9,7 +9,8 @@ use vdb_core::synth::level_set;
 use vdb_core::{AnyTree, Grid, GridClass, VdbFile, WriteOptions};
 
 use crate::files;
-use crate::viewer::{drawn, fails, on_gpu, picture, refused};
+use crate::has_gpu;
+use crate::viewer::{drawn, fails, picture, refused};
 
 const RADIUS: f64 = 100.0;
 
@@ -40,10 +41,10 @@ fn in_view(command: &mut std::process::Command, path: &Path) {
 
 #[test]
 fn a_ball_in_pages_is_that_of_a_whole_file() {
-    let (in_pages, output) = picture("pages.png", |c| in_view(c, &ball_in_pages("ball")));
-    if !on_gpu(&output) {
+    if !has_gpu() {
         return;
     }
+    let (in_pages, _) = picture("pages.png", |c| in_view(c, &ball_in_pages("ball")));
     let mut grid = Grid::new("ball", AnyTree::Float(level_set::sphere(DVec3::ZERO, RADIUS).into()));
     grid.class = GridClass::LevelSet;
     let path = temporary("ball.vdb");
@@ -60,6 +61,9 @@ fn pages_that_cannot_be_shown_are_one_clear_error() {
     let index = ball_in_pages("broken");
     let said = refused(|c| _ = c.arg(&index).arg("--cpu"));
     assert!(said.contains("on the CPU") && said.contains("pages"), "{said}");
+    if !has_gpu() {
+        return;
+    }
 
     let pages = index.with_file_name("0");
     let first = fs::read_dir(&pages).unwrap().next().unwrap().unwrap().path();
@@ -68,7 +72,7 @@ fn pages_that_cannot_be_shown_are_one_clear_error() {
     let said = fails(|c| in_view(c, &index));
     let name = first.file_name().unwrap().to_string_lossy();
     assert!(said.contains(&format!("page 0/{name} of 'ball' cannot be loaded")), "{said}");
-    assert!(said.contains("damaged") && said.contains("viewer: a page of"), "{said}");
+    assert!(said.contains("damaged") && said.contains("viewer: 1 of the pages"), "{said}");
 
     let whole = fs::read(&index).unwrap();
     fs::write(&index, &whole[..whole.len() / 2]).unwrap();

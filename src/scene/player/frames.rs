@@ -22,7 +22,7 @@ const PAUSE: Duration = Duration::from_secs(1);
 #[reflect(Resource, Clone, Debug, Default, PartialEq)]
 pub struct VdbFrameCache {
     /// The number of frames to load ahead of the wanted one, in the direction of play. 8 by default.
-    /// After a seek, none until the wanted frame is loaded.
+    /// None begins to be loaded while the first frame after a start or a seek is being loaded.
     pub frames_ahead: usize,
     /// The memory limit in bytes for decoded frames: their trees, and the words for the GPU. Below
     /// it, frames stay in memory after they are played, so a short loop is decoded once. Beyond it,
@@ -162,7 +162,7 @@ impl Frames {
         self.frames.insert(key, Frame { handle, held: Held::Loading { estimate } });
     }
 
-    /// Releases a frame. If it is being loaded, this cancels the load.
+    /// Releases a frame. If it is being loaded, Bevy cancels the load when it next tracks assets.
     pub fn release(&mut self, key: Key) {
         self.frames.remove(&key);
         self.known.entry(key.0).or_default().version += 1;

@@ -131,11 +131,14 @@ pub(super) fn load_frames(
         let mut own = Vec::new();
         for playback in playbacks {
             let Some(wanted) = playback.wanted else { continue };
-            // Someone waits for a frame that is sought: it has all cores for itself.
-            let is_awaited = playback.sought.is_some() && !frames.has_ended((*id, wanted.index));
-            let ahead = if is_awaited { 0 } else { cache.frames_ahead };
-            let needed = wanted.onwards().take(ahead.saturating_add(1)).enumerate();
-            own.extend(needed.map(|(distance, index)| Need {
+            // Until the first frame after a start or a seek has been loaded or has failed, no load ahead
+            // begins beside it, so that it gets as much of the processor as possible.
+            let is_sought = playback.sought.is_some() && !frames.has_ended((*id, wanted.index));
+            let begins = |(distance, index): &(usize, usize)| {
+                *distance == 0 || !is_sought || frames.frames.contains_key(&(*id, *index))
+            };
+            let ahead = wanted.onwards().take(cache.frames_ahead.saturating_add(1)).enumerate();
+            own.extend(ahead.filter(begins).map(|(distance, index)| Need {
                 key: (*id, index),
                 distance: distance as u64,
                 estimate,
@@ -165,9 +168,10 @@ pub(super) fn load_frames(
     let entries: BTreeMap<Key, Entry> = frames.frames.iter().map(entry).collect();
     let bounds = Bounds { bytes: cache.bytes, loads: cache.loads_at_once };
     let plan = plan(&entries, needs, bounds);
-    let is_load = |key: &Key| !frames.has_ended(*key);
-    if plan.release.iter().any(is_load) {
-        // Bevy would cancel them in the next update, and they take cores from those that begin now.
+    let is_loading = |key: &Key| !frames.has_ended(*key);
+    if plan.release.iter().any(is_loading) {
+        // Bevy would cancel them only in the next update; until then, they would compete with the loads
+        // that begin now. The system runs after this one, when their handles have been dropped.
         commands.run_system_cached(Assets::<VdbFile>::track_assets);
     }
     for key in plan.release {

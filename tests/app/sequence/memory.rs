@@ -82,6 +82,10 @@ fn a_seek_cancels_loads_that_are_no_longer_wanted() {
     }
     stage.gate.open(&name(20));
     stage.until("the next loads", |stage| known(stage, 1..=30) == [1, 20, 21, 22, 23]);
+    // Loads that are still needed go on.
+    stage.player(player).seek(22);
+    stage.app.update();
+    assert_eq!(known(&stage, 17..=30), [20, 22, 23]);
     // What was cancelled can be loaded again.
     stage.player(player).seek(3);
     stage.gate.open(&name(3));

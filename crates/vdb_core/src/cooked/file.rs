@@ -62,7 +62,8 @@ impl CookedFile {
     }
 
     /// As [`CookedFile::read`], but uses the memory that `spare` has of dropped grids, if it fits. When
-    /// the new grids are dropped, `spare` gets their memory in turn.
+    /// the new grids are dropped, `spare` gets their memory in turn, as it does if reading fails or is
+    /// cancelled.
     ///
     /// # Errors
     /// Those of [`CookedFile::read`].

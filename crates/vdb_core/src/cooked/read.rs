@@ -173,7 +173,7 @@ impl<'a> Parts<'a> {
         let all = self.sections.all;
         let mut words = spare.map_or_else(|| vec![0; all], |spare| spare.take(all));
         if let Err(error) = self.write_words(&mut words, progress) {
-            // Whoever cancels usually loads another frame instead.
+            // After a cancellation, another frame is usually loaded, which can use this memory.
             if let Some(spare) = spare {
                 spare.put(words);
             }

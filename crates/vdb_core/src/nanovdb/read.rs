@@ -38,7 +38,7 @@ pub(crate) fn read(bytes: &[u8], options: &ReadOptions) -> Result<VdbFile, Error
         let parts = read.map_err(|error| error.in_grid(&unique_name))?;
         add(&mut file, packed, unique_name, parts);
     }
-    progress.add(all)?;
+    progress.reach(all)?;
     Ok(file)
 }
 

@@ -2,7 +2,7 @@
 
 use std::sync::{Mutex, PoisonError};
 
-/// The memory of packed grids that have been dropped, in which others can be decoded
+/// The memory of packed grids that have been dropped or not finished, in which others can be decoded
 /// ([`CookedFile::read_reusing`](crate::cooked::CookedFile::read_reusing)).
 ///
 /// New memory is cleared by the operating system or the allocator before it is written. For the frames
@@ -22,7 +22,7 @@ impl SpareWords {
         Self { most_bytes, spare: Mutex::new(Vec::new()) }
     }
 
-    /// Keeps the words of a grid for the next ones. The oldest are freed if there are too many.
+    /// Keeps words for the next grids. The oldest are freed if there are too many.
     pub(crate) fn put(&self, words: Vec<u32>) {
         let mut spare = self.spare.lock().unwrap_or_else(PoisonError::into_inner);
         spare.push(words);
