@@ -44,6 +44,8 @@ mod need;
 mod normals;
 mod opacity_maps;
 mod pages;
+#[path = "../common/pages_folder.rs"]
+mod pages_folder;
 mod peer_ramps;
 mod peers;
 mod pool;

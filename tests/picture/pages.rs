@@ -13,7 +13,7 @@ use bevy_vdb::{
 };
 use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
-use vdb_core::pages::{FunctionSource, PageIndex, PageOptions, PageSource, cook_pages};
+use vdb_core::pages::{FunctionSource, PageIndex, PageOptions, PageSource};
 use vdb_core::synth::level_set;
 use vdb_core::tree::CoordBox;
 
@@ -22,6 +22,7 @@ use super::files::temporary;
 use super::flip::{flip, mean};
 use super::levels_within::{above_hills, hills};
 use super::materials::{Painted, add_materials};
+use super::pages_folder;
 use super::{SIZE, SURFACE, pixel_ray};
 
 const VOXEL: f64 = 0.02;
@@ -47,15 +48,7 @@ fn cook(name: &str, kind: PackKind) -> PathBuf {
 
 /// Writes the pages of a source. Returns the path of their index.
 fn cook_source(name: &str, source: &impl PageSource, options: &PageOptions) -> PathBuf {
-    let folder = temporary("pages", name);
-    let index = cook_pages(source, options, &|id, bytes| {
-        let path = folder.join(id.file());
-        fs::create_dir_all(path.parent().unwrap())?;
-        fs::write(path, bytes)
-    });
-    let path = folder.join("index.vdbpages");
-    index.unwrap().save(&path).unwrap();
-    path
+    pages_folder::cook(&temporary("pages", name), source, options)
 }
 
 /// A stage with the sun above the terrain.

@@ -10,6 +10,8 @@ mod examples;
 mod files;
 #[path = "../common/headless.rs"]
 mod headless;
+#[path = "../common/pages_folder.rs"]
+mod pages_folder;
 #[path = "../common/png_file.rs"]
 mod png_file;
 #[path = "../common/programs.rs"]

@@ -4,13 +4,12 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use bevy::math::{DAffine3, DVec3};
-use vdb_core::pages::{FunctionSource, PageOptions, cook_pages};
+use vdb_core::pages::{FunctionSource, PageOptions};
 use vdb_core::synth::level_set;
 use vdb_core::{AnyTree, Grid, GridClass, VdbFile, WriteOptions};
 
-use crate::files;
-use crate::has_gpu;
 use crate::viewer::{drawn, fails, picture, refused};
+use crate::{files, has_gpu, pages_folder};
 
 const RADIUS: f64 = 100.0;
 
@@ -24,14 +23,7 @@ fn ball_in_pages(name: &str) -> PathBuf {
     let distance = |at: DVec3| at.length() - RADIUS;
     let source = FunctionSource::new("ball", DAffine3::IDENTITY, [-half, half], distance);
     let options = PageOptions { edge: 128, smooth: true, ..PageOptions::default() };
-    let index = cook_pages(&source, &options, &|id, bytes| {
-        let path = folder.join(id.file());
-        fs::create_dir_all(path.parent().unwrap())?;
-        fs::write(path, bytes)
-    });
-    let path = folder.join("ball.vdbpages");
-    index.unwrap().save(&path).unwrap();
-    path
+    pages_folder::cook(&folder, &source, &options)
 }
 
 /// The options of a camera that the ball fills half of.
@@ -77,5 +69,5 @@ fn pages_that_cannot_be_shown_are_one_clear_error() {
     let whole = fs::read(&index).unwrap();
     fs::write(&index, &whole[..whole.len() / 2]).unwrap();
     let said = refused(|c| in_view(c, &index));
-    assert!(said.contains("ball.vdbpages") && said.contains("damaged"), "{said}");
+    assert!(said.contains("index.vdbpages") && said.contains("damaged"), "{said}");
 }

@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use crate::display::{ERROR_CHARS, escaped, quoted};
-use crate::work::Cancelled;
 
 /// Why a file, or one of its grids, could not be read or written.
 ///
@@ -205,6 +204,10 @@ impl Error {
         self
     }
 }
+
+/// A progress callback has requested cancellation, of any work.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Cancelled;
 
 impl From<Cancelled> for Error {
     fn from(Cancelled: Cancelled) -> Self {

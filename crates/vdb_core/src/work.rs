@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
 use crate::ProgressFn;
+use crate::error::Cancelled;
 
 /// `Debug` for options whose `progress` is a function, which has none: it shows the other fields, and whether there
 /// is one.
@@ -37,10 +38,6 @@ pub(crate) struct Progress<'a> {
     all: u64,
     tell: Option<&'a ProgressFn>,
 }
-
-/// The progress callback requested cancellation.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Cancelled;
 
 impl<'a> Progress<'a> {
     pub fn new(all: usize, tell: Option<&'a ProgressFn>) -> Self {

@@ -3,8 +3,8 @@
 use thiserror::Error;
 
 use crate::display::{ERROR_CHARS, escaped, quoted};
+use crate::error::Cancelled;
 use crate::pack::PackError;
-use crate::work::Cancelled;
 
 /// Why a cooked file could not be read. `Display` is one line; text from the file is
 /// [escaped](crate::display::escaped).
