@@ -109,6 +109,7 @@ pub fn run(args: &Args) -> Result<(), String> {
     let player = spawn(&mut unseen, &folder, args);
     play(&mut unseen, player, "only decoded", 1.0, args)?;
     let only_decoded = seeks(&mut unseen, player, args.rate)?;
+    let dragged = drag(&mut unseen, player, args.rate)?;
     drop(unseen);
     studio.camera_mut().insert((Hdr, Msaa::Off, VdbQuality::BALANCED));
     let player = spawn(&mut studio, &folder, args);
@@ -123,6 +124,9 @@ pub fn run(args: &Args) -> Result<(), String> {
     println!("|---|---|---|---|---|---|---|");
     println!("| only decoded | {only_decoded} |");
     println!("| drawn | {drawn} |");
+    println!(
+        "\nonly decoded, dragged through all frames and back with a seek in each update: {dragged}"
+    );
     Ok(())
 }
 
@@ -263,6 +267,27 @@ fn seeks(stage: &mut impl Stage, entity: Entity, rate: u32) -> Result<String, St
     let cells = places.map(|i| updates[i].to_string()).into_iter();
     let cells = cells.chain(places.map(|i| format!("{:.0}", times[i])));
     Ok(cells.collect::<Vec<_>>().join(" | "))
+}
+
+/// Drags the timeline while paused: from the first frame to the last and back, with a seek in each
+/// update. Returns how often another frame is shown, and the longest time without another one.
+fn drag(stage: &mut impl Stage, entity: Entity, rate: u32) -> Result<String, String> {
+    let (first, frames) = place(stage, entity)?;
+    player(stage, entity)?.pause();
+    let mut screen = Screen::new(rate);
+    let (mut shown, mut before, mut longest) = (0, status(stage, entity)?.frame(), 0.0_f64);
+    let mut since = Instant::now();
+    for slot in (0..frames).chain((0..frames).rev()) {
+        screen.wait();
+        player(stage, entity)?.seek(first + slot);
+        stage.update();
+        let frame = status(stage, entity)?.frame();
+        longest = longest.max(since.elapsed().as_secs_f64() * 1e3);
+        if frame != before {
+            (shown, before, since) = (shown + 1, frame, Instant::now());
+        }
+    }
+    Ok(format!("{shown} frames shown in {} updates, at most {longest:.0} ms apart", 2 * frames))
 }
 
 /// The CPU time of this process, where the system tells it.

@@ -179,7 +179,9 @@ impl VdbPlayer {
     /// Goes to the frame with a number, or to the nearest one before it. If the frame is in memory
     /// and a system before `PostUpdate` calls this, it is shown in the same update; otherwise
     /// [`late_frames`](Self::late_frames) applies until it is loaded. Loads that are no longer needed
-    /// are cancelled.
+    /// are cancelled. With [`VdbLateFrames::Drop`], if a seek follows before the frame is loaded, its
+    /// load goes on, and it is shown if it is nearer to the new target than the frame on screen: while
+    /// a timeline is dragged, frames are shown as fast as they are loaded.
     pub fn seek(&mut self, frame: u64) {
         self.seek = Some(Seek::Frame(frame));
     }

@@ -133,6 +133,10 @@ impl Frames {
         self.frames.get(&key).is_some_and(|frame| !matches!(frame.held, Held::Loading { .. }))
     }
 
+    pub fn is_loading(&self, key: Key) -> bool {
+        self.frames.get(&key).is_some_and(|frame| matches!(frame.held, Held::Loading { .. }))
+    }
+
     /// The frames of a sequence.
     pub fn of(&self, sequence: AssetId<VdbSequence>) -> impl Iterator<Item = (usize, &Frame)> {
         let all = self.frames.range((sequence, 0)..=(sequence, usize::MAX));

@@ -134,8 +134,11 @@ pub(super) fn load_frames(
             // Until the first frame after a start or a seek has been loaded or has failed, no load ahead
             // begins beside it, so that it gets as much of the processor as possible.
             let is_sought = playback.sought.is_some() && !frames.has_ended((*id, wanted.index));
+            // Nor does that frame itself while a timeline is dragged: the next seek would cancel it.
+            let is_dragged = playback.has_just_sought && playback.left_behind.is_some();
             let begins = |(distance, index): &(usize, usize)| {
-                *distance == 0 || !is_sought || frames.frames.contains_key(&(*id, *index))
+                let may_begin = if *distance == 0 { !is_dragged } else { !is_sought };
+                may_begin || frames.frames.contains_key(&(*id, *index))
             };
             let ahead = wanted.onwards().take(cache.frames_ahead.saturating_add(1)).enumerate();
             own.extend(ahead.filter(begins).map(|(distance, index)| Need {
@@ -160,16 +163,16 @@ pub(super) fn load_frames(
         let playbacks = by_sequence.get(&key.0).map(Vec::as_slice).unwrap_or_default();
         let distances = playbacks.iter().filter_map(|playback| playback.wanted);
         let distance = distances.map(|wanted| wanted.distance(key.1)).min().unwrap_or(u64::MAX);
-        let is_in_use = playbacks
-            .iter()
-            .any(|playback| playback.shown == Some(key.1) || playback.has_passed(key.1));
+        let is_in_use = playbacks.iter().any(|playback| {
+            [playback.shown, playback.left_behind].contains(&Some(key.1))
+                || playback.has_passed(key.1)
+        });
         (*key, Entry { held: frame.held, distance, is_in_use })
     };
     let entries: BTreeMap<Key, Entry> = frames.frames.iter().map(entry).collect();
     let bounds = Bounds { bytes: cache.bytes, loads: cache.loads_at_once };
     let plan = plan(&entries, needs, bounds);
-    let is_loading = |key: &Key| !frames.has_ended(*key);
-    if plan.release.iter().any(is_loading) {
+    if plan.release.iter().any(|key| frames.is_loading(*key)) {
         // Bevy would cancel them only in the next update; until then, they would compete with the loads
         // that begin now. The system runs after this one, when their handles have been dropped.
         commands.run_system_cached(Assets::<VdbFile>::track_assets);

@@ -68,10 +68,17 @@ pub(super) fn play(
         if !sought && goes_on(playback, &player, &frames) {
             playback.clock.advance(time, timeline);
         }
+        let is_dropping = player.late_frames == VdbLateFrames::Drop;
+        playback.has_just_sought = sought;
+        if sought && is_dropping {
+            leave_behind(playback, &frames);
+        }
         want(playback, &frames, sequence, timeline, sought);
         let before = playback.shown;
         let mut screen = Screen { entity, commands: commands.reborrow(), parts: &mut parts };
         show_best(playback, &player, &frames, sequence, (&files, &grids), &mut screen);
+        let is_loading = |index: &usize| frames.is_loading((id, *index));
+        playback.left_behind = playback.left_behind.filter(is_loading);
         // What fades stays where it is.
         let is_moving = !sought && player.blend == VdbFrameBlend::Hold;
         let seconds = if is_moving { time_step(playback, sequence, before) } else { 0.0 };
@@ -125,7 +132,7 @@ fn adapt(
             |index: &usize| sequence.frames().get(*index).map(|frame| frame.number) == status.frame;
         playback.shown = status.frame.map(|frame| sequence.index_at(frame)).filter(has_number);
         playback.sought = Some(sequence.index_at(number));
-        (playback.wanted, playback.epoch) = (None, epoch);
+        (playback.wanted, playback.left_behind, playback.epoch) = (None, None, epoch);
         playback.lacking.clear();
     }
 }
@@ -151,6 +158,13 @@ fn follow_seek(
         Seek::Beginning => playback.clock = Clock::start(pace, timeline),
     }
     true
+}
+
+/// Before a seek takes effect: if the target of the one before is being loaded, that load goes on.
+fn leave_behind(playback: &mut Playback, frames: &Frames) {
+    let is_loading = |index: &usize| frames.is_loading((playback.sequence, *index));
+    let before = playback.sought.filter(is_loading);
+    playback.left_behind = playback.left_behind.or(before);
 }
 
 /// Whether time advances for a player.
@@ -236,7 +250,7 @@ fn show_best(
         match show(file, grids, player, &mut playback.labels, screen.parts, entity) {
             Ok(()) => {
                 if playback.has_passed(index) {
-                    playback.sought = None;
+                    (playback.sought, playback.left_behind) = (None, None);
                 }
                 playback.shown = Some(index);
                 return;

@@ -24,6 +24,11 @@ pub(crate) struct Playback {
     pub(super) shown: Option<usize>,
     /// The target of the start or of a seek, until a frame from there on is shown.
     pub(super) sought: Option<usize>,
+    /// Whether there was a seek in this update.
+    pub(super) has_just_sought: bool,
+    /// The target of an earlier seek whose load goes on, so that something new is shown while a
+    /// timeline is dragged: if each seek cancelled the load of the one before, no load would end.
+    pub(super) left_behind: Option<usize>,
     /// Whether the end has been reported.
     pub(super) told_end: bool,
     pub(super) late: u64,
@@ -60,8 +65,8 @@ impl Playback {
         self.reason.as_deref()
     }
 
-    /// The frames that may be shown, best first: the wanted one, and those before it, back to the
-    /// one that is shown.
+    /// The frames that may be shown, best first: the wanted one, those before it, back to the one
+    /// that is shown, and the one that seeks have left behind.
     pub(super) fn candidates(&self) -> impl Iterator<Item = usize> + use<> {
         let back = self.wanted.into_iter().flat_map({
             // What was before the start of a loop has nothing to do with where a seek led.
@@ -72,7 +77,15 @@ impl Playback {
             }
         });
         let shown = self.shown;
-        back.take_while(move |index| shown != Some(*index))
+        let left_behind = self.left_behind.filter(|index| self.is_nearer(*index));
+        back.take_while(move |index| shown != Some(*index)).chain(left_behind)
+    }
+
+    /// Whether a frame is nearer to the wanted one than the frame that is shown.
+    fn is_nearer(&self, index: usize) -> bool {
+        let Some(wanted) = self.wanted else { return false };
+        let shown = self.shown.map(|shown| shown.abs_diff(wanted.index));
+        shown.is_none_or(|shown| index.abs_diff(wanted.index) < shown)
     }
 
     /// Whether the clock has reached a frame since the shown one, or since a seek: if the frame is
@@ -112,6 +125,19 @@ mod tests {
         assert_eq!(candidates(&playback(1, Some(1), None)), [0_usize; 0]);
         // After a seek, none from the end of the loop.
         assert_eq!(candidates(&playback(2, Some(7), Some(1))), [2, 1, 0]);
+    }
+
+    /// A timeline that is dragged, from either side.
+    #[test]
+    fn a_frame_that_seeks_left_behind_is_shown_if_it_is_nearer() {
+        let candidates = |wanted, shown, left_behind| {
+            let playback = playback(wanted, shown, Some(wanted));
+            Playback { left_behind: Some(left_behind), ..playback }.candidates().collect::<Vec<_>>()
+        };
+        assert_eq!(candidates(3, Some(8), 5), [3, 2, 1, 0, 5]);
+        assert_eq!(candidates(3, Some(1), 5), [3, 2]);
+        assert_eq!(candidates(8, Some(6), 3), [8, 7]);
+        assert_eq!(candidates(1, None, 8), [1, 0, 8]);
     }
 
     #[test]

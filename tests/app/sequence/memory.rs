@@ -94,6 +94,74 @@ fn a_seek_cancels_loads_that_are_no_longer_wanted() {
     assert_eq!(stage.failed(player), [0_u64; 0]);
 }
 
+/// With a seek in every update, frames are shown as they arrive.
+#[test]
+fn a_timeline_that_is_dragged_shows_frames() {
+    let mut stage = Stage::new("dragged");
+    stage.write(1..=40);
+    stage.gate.open(&name(1));
+    *stage.cache() = VdbFrameCache { frames_ahead: 2, loads_at_once: 3, ..default() };
+    let sequence = stage.sequence("gate://", 1..=40);
+    let player = stage.spawn(VdbPlayer::new(sequence).paused());
+    stage.until("the first frame", |stage| stage.shown(player).is_some());
+    let seek = |stage: &mut Stage, frame| {
+        stage.player(player).seek(frame);
+        stage.app.update();
+    };
+    for frame in 10..20 {
+        seek(&mut stage, frame);
+        assert_eq!(known(&stage, 2..=40), [10], "the load of the first seek goes on by itself");
+        assert_eq!(stage.shown(player), Some(1));
+    }
+    let drag_until = |stage: &mut Stage, frames: [u64; 2], shown| {
+        stage.gate.open(&name(shown));
+        let start = std::time::Instant::now();
+        for frame in frames.into_iter().cycle() {
+            assert!(start.elapsed().as_secs() < 60, "frame {shown} is not shown");
+            seek(stage, frame);
+            if stage.shown(player) == Some(shown) {
+                return frame;
+            }
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        }
+        unreachable!("the cycle ends only with the frame");
+    };
+    let next = drag_until(&mut stage, [20, 21], 10);
+    assert_eq!(known(&stage, 11..=40), [next], "the frame that was sought last is loaded next");
+    let left = drag_until(&mut stage, [30, 31], next);
+    // When the drag ends, the wanted frame is loaded beside the one that was left behind. Once it is
+    // shown, nobody needs the other.
+    seek(&mut stage, 33);
+    assert_eq!(known(&stage, 22..=40), [left]);
+    stage.app.update();
+    assert_eq!(known(&stage, 22..=40), [left, 33]);
+    stage.gate.open(&name(33));
+    stage.until("the last frame", |stage| stage.shown(player) == Some(33));
+    assert_eq!(known(&stage, 22..=33), [33]);
+    assert_eq!(stage.failed(player), [0_u64; 0]);
+}
+
+/// A recording does without frames that nobody seeks any more.
+#[test]
+fn a_player_that_waits_shows_only_the_last_of_several_seeks() {
+    let mut stage = Stage::new("waits");
+    stage.write(1..=40);
+    stage.gate.open(&name(1));
+    let sequence = stage.sequence("gate://", 1..=40);
+    let player = VdbPlayer::new(sequence).paused().with_late_frames(VdbLateFrames::Wait);
+    let player = stage.spawn(player);
+    stage.until("the first frame", |stage| stage.shown(player).is_some());
+    for frame in [20, 30] {
+        stage.player(player).seek(frame);
+        stage.app.update();
+        assert_eq!(known(&stage, 10..=40), [frame]);
+    }
+    stage.gate.open(&name(20));
+    stage.gate.open(&name(30));
+    stage.until("the frame", |stage| stage.shown(player) != Some(1));
+    assert_eq!(stage.shown(player), Some(30));
+}
+
 /// Frames that the clock has passed while they are being loaded come late rather than never.
 #[test]
 fn a_load_that_the_clock_has_passed_is_not_cancelled() {
