@@ -270,24 +270,31 @@ fn seeks(stage: &mut impl Stage, entity: Entity, rate: u32) -> Result<String, St
 }
 
 /// Drags the timeline while paused: from the first frame to the last and back, with a seek in each
-/// update. Returns how often another frame is shown, and the longest time without another one.
+/// update. Returns how often another frame is shown, the longest time without another one, and how far
+/// the shown frame is from the wanted one.
 fn drag(stage: &mut impl Stage, entity: Entity, rate: u32) -> Result<String, String> {
     let (first, frames) = place(stage, entity)?;
     player(stage, entity)?.pause();
     let mut screen = Screen::new(rate);
     let (mut shown, mut before, mut longest) = (0, status(stage, entity)?.frame(), 0.0_f64);
-    let mut since = Instant::now();
+    let (mut since, mut distance) = (Instant::now(), 0);
     for slot in (0..frames).chain((0..frames).rev()) {
         screen.wait();
         player(stage, entity)?.seek(first + slot);
         stage.update();
         let frame = status(stage, entity)?.frame();
+        distance += frame.map_or(frames, |frame| frame.abs_diff(first + slot));
         longest = longest.max(since.elapsed().as_secs_f64() * 1e3);
         if frame != before {
             (shown, before, since) = (shown + 1, frame, Instant::now());
         }
     }
-    Ok(format!("{shown} frames shown in {} updates, at most {longest:.0} ms apart", 2 * frames))
+    let distance = distance as f64 / (2 * frames) as f64;
+    Ok(format!(
+        "{shown} frames shown in {} updates, at most {longest:.0} ms apart, in the mean {distance:.1} \
+         frames from the wanted one",
+        2 * frames
+    ))
 }
 
 /// The CPU time of this process, where the system tells it.

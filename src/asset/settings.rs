@@ -73,7 +73,7 @@ pub enum VdbValues {
     /// floats; otherwise 32-bit floats.
     #[default]
     Exact,
-    /// 16-bit floats: relative errors of at most 2⁻¹².
+    /// 16-bit floats: relative errors of at most 2⁻¹¹.
     Half,
     /// Bytes. For fog, 255 steps from the smallest to the largest density in each leaf of 8³
     /// voxels. For a smooth surface, steps of 1/127 of the largest distance in a surface cell

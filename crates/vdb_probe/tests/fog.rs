@@ -91,7 +91,7 @@ fn formats_are_as_good_as_their_bits() {
     let rays = rays(&exact, IVec3::ZERO);
     for defs in [&[][..], &["STEP=2"]] {
         let expected = lengths(&gpu, &exact, &rays, defs);
-        // Relative errors of 2⁻¹², and half a step of 1/255: over 60 voxels at most.
+        // Errors of 2⁻¹² for densities of up to 1, or half a step of 1/255, over 60 voxels at most.
         for (format, bound) in
             [(ValueFormat::Half, 60.0 / 4096.0), (ValueFormat::Byte, 60.0 / 510.0)]
         {

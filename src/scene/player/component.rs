@@ -63,7 +63,8 @@ pub struct VdbPlayer {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Reflect)]
 #[reflect(Clone, Debug, Default, PartialEq, Hash)]
 pub enum VdbLateFrames {
-    /// For games: the clock runs on, and the latest loaded frame before the wanted one is shown.
+    /// For games: the clock runs on, and the latest loaded frame before the wanted one is shown. After a
+    /// seek, the frame on screen stays until a nearer one is loaded.
     #[default]
     Drop,
     /// For recordings: the clock waits for the frame, so every frame is shown.
@@ -179,9 +180,12 @@ impl VdbPlayer {
     /// Goes to the frame with a number, or to the nearest one before it. If the frame is in memory
     /// and a system before `PostUpdate` calls this, it is shown in the same update; otherwise
     /// [`late_frames`](Self::late_frames) applies until it is loaded. Loads that are no longer needed
-    /// are cancelled. With [`VdbLateFrames::Drop`], if a seek follows before the frame is loaded, its
-    /// load goes on, and it is shown if it is nearer to the new target than the frame on screen: while
-    /// a timeline is dragged, frames are shown as fast as they are loaded.
+    /// are cancelled.
+    ///
+    /// With [`VdbLateFrames::Drop`], one unfinished load of an earlier seek is kept: its frame is shown
+    /// if it is nearer to the new target than the frame on screen. Until it has finished, or an update
+    /// passes without a seek, the player starts no other load. So a timeline that is dragged keeps
+    /// showing frames.
     pub fn seek(&mut self, frame: u64) {
         self.seek = Some(Seek::Frame(frame));
     }

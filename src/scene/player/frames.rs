@@ -77,6 +77,12 @@ pub(super) struct Frame {
     pub held: Held,
 }
 
+impl Frame {
+    fn is_loading(&self) -> bool {
+        matches!(self.held, Held::Loading { .. })
+    }
+}
+
 /// The state of a sequence that is being played.
 #[derive(Default)]
 pub(super) struct Known {
@@ -130,11 +136,11 @@ impl Frames {
 
     /// Whether a frame has been loaded or has failed.
     pub fn has_ended(&self, key: Key) -> bool {
-        self.frames.get(&key).is_some_and(|frame| !matches!(frame.held, Held::Loading { .. }))
+        self.frames.get(&key).is_some_and(|frame| !frame.is_loading())
     }
 
     pub fn is_loading(&self, key: Key) -> bool {
-        self.frames.get(&key).is_some_and(|frame| matches!(frame.held, Held::Loading { .. }))
+        self.frames.get(&key).is_some_and(Frame::is_loading)
     }
 
     /// The frames of a sequence.
@@ -174,8 +180,7 @@ impl Frames {
 
     /// The loads that have ended since the last call, with their frames.
     pub fn ended(&mut self, server: &AssetServer) -> Vec<(Key, Ended)> {
-        let is_loading = |frame: &Frame| matches!(frame.held, Held::Loading { .. });
-        let loading = self.frames.iter().filter(|(_, frame)| is_loading(frame));
+        let loading = self.frames.iter().filter(|(_, frame)| frame.is_loading());
         let ended = loading.filter_map(|(key, frame)| {
             // Bevy gives no strong handle for a path that it refuses.
             if !frame.handle.is_strong() {

@@ -9,6 +9,7 @@ use vdb_core::display::escaped;
 use super::cache::{Bounds, Entry, Held, Need, plan};
 use super::component::VdbPlayer;
 use super::frames::{Ended, Frames, Key, PATIENCE, Tell, VdbFrameCache, VdbFrameCacheUsage, bytes};
+use super::order::Place;
 use super::playback::Playback;
 use super::status::VdbFrameFailed;
 use crate::{VdbFile, VdbGrid, VdbSequence, VdbVectorGrid};
@@ -134,10 +135,8 @@ pub(super) fn load_frames(
             // Until the first frame after a start or a seek has been loaded or has failed, no load ahead
             // begins beside it, so that it gets as much of the processor as possible.
             let is_sought = playback.sought.is_some() && !frames.has_ended((*id, wanted.index));
-            // Nor does that frame itself while a timeline is dragged: the next seek would cancel it.
-            let is_dragged = playback.has_just_sought && playback.left_behind.is_some();
             let begins = |(distance, index): &(usize, usize)| {
-                let may_begin = if *distance == 0 { !is_dragged } else { !is_sought };
+                let may_begin = if *distance == 0 { !playback.is_dragged() } else { !is_sought };
                 may_begin || frames.frames.contains_key(&(*id, *index))
             };
             let ahead = wanted.onwards().take(cache.frames_ahead.saturating_add(1)).enumerate();
@@ -159,13 +158,16 @@ pub(super) fn load_frames(
         });
         needs.extend(own);
     }
+    let loads = frames.frames.keys().filter(|key| frames.is_loading(**key)).count();
+    let is_full = loads >= cache.loads_at_once;
     let entry = |(key, frame): (&Key, &super::frames::Frame)| {
         let playbacks = by_sequence.get(&key.0).map(Vec::as_slice).unwrap_or_default();
         let distances = playbacks.iter().filter_map(|playback| playback.wanted);
         let distance = distances.map(|wanted| wanted.distance(key.1)).min().unwrap_or(u64::MAX);
+        let has_begun = |wanted: Place| frames.frames.contains_key(&(key.0, wanted.index));
         let is_in_use = playbacks.iter().any(|playback| {
-            [playback.shown, playback.left_behind].contains(&Some(key.1))
-                || playback.has_passed(key.1)
+            let blocks = is_full && !playback.wanted.is_some_and(has_begun);
+            playback.is_in_use(key.1, blocks)
         });
         (*key, Entry { held: frame.held, distance, is_in_use })
     };

@@ -68,17 +68,18 @@ pub(super) fn play(
         if !sought && goes_on(playback, &player, &frames) {
             playback.clock.advance(time, timeline);
         }
-        let is_dropping = player.late_frames == VdbLateFrames::Drop;
-        playback.has_just_sought = sought;
-        if sought && is_dropping {
-            leave_behind(playback, &frames);
+        let is_loading = |index: &usize| frames.is_loading((id, *index));
+        match player.late_frames {
+            VdbLateFrames::Drop if sought => playback.leave_behind(is_loading),
+            VdbLateFrames::Drop => {}
+            VdbLateFrames::Wait => playback.left_behind = None,
         }
         want(playback, &frames, sequence, timeline, sought);
         let before = playback.shown;
         let mut screen = Screen { entity, commands: commands.reborrow(), parts: &mut parts };
         show_best(playback, &player, &frames, sequence, (&files, &grids), &mut screen);
-        let is_loading = |index: &usize| frames.is_loading((id, *index));
-        playback.left_behind = playback.left_behind.filter(is_loading);
+        let is_over = !playback.has_just_sought && is_settled(playback, &frames);
+        playback.left_behind = playback.left_behind.filter(|index| !is_over && is_loading(index));
         // What fades stays where it is.
         let is_moving = !sought && player.blend == VdbFrameBlend::Hold;
         let seconds = if is_moving { time_step(playback, sequence, before) } else { 0.0 };
@@ -160,13 +161,6 @@ fn follow_seek(
     true
 }
 
-/// Before a seek takes effect: if the target of the one before is being loaded, that load goes on.
-fn leave_behind(playback: &mut Playback, frames: &Frames) {
-    let is_loading = |index: &usize| frames.is_loading((playback.sequence, *index));
-    let before = playback.sought.filter(is_loading);
-    playback.left_behind = playback.left_behind.or(before);
-}
-
 /// Whether time advances for a player.
 fn goes_on(playback: &Playback, player: &VdbPlayer, frames: &Frames) -> bool {
     let is_settled = is_settled(playback, frames);
@@ -204,6 +198,7 @@ fn want(
     if is_new && !sought && !is_settled(playback, frames) {
         playback.late += 1;
     }
+    playback.has_just_sought = sought && is_new;
     if sought {
         playback.sought = Some(index);
     }
@@ -250,7 +245,7 @@ fn show_best(
         match show(file, grids, player, &mut playback.labels, screen.parts, entity) {
             Ok(()) => {
                 if playback.has_passed(index) {
-                    (playback.sought, playback.left_behind) = (None, None);
+                    playback.sought = None;
                 }
                 playback.shown = Some(index);
                 return;

@@ -24,10 +24,10 @@ pub(crate) struct Playback {
     pub(super) shown: Option<usize>,
     /// The target of the start or of a seek, until a frame from there on is shown.
     pub(super) sought: Option<usize>,
-    /// Whether there was a seek in this update.
+    /// Whether a seek in this update has changed the wanted frame.
     pub(super) has_just_sought: bool,
-    /// The target of an earlier seek whose load goes on, so that something new is shown while a
-    /// timeline is dragged: if each seek cancelled the load of the one before, no load would end.
+    /// The target of an earlier seek, if it is still being loaded: if each seek cancelled the load of
+    /// the one before, no load would ever finish while a timeline is dragged.
     pub(super) left_behind: Option<usize>,
     /// Whether the end has been reported.
     pub(super) told_end: bool,
@@ -66,26 +66,55 @@ impl Playback {
     }
 
     /// The frames that may be shown, best first: the wanted one, those before it, back to the one
-    /// that is shown, and the one that seeks have left behind.
+    /// that is shown, and the one that seeks have left behind. After a seek, frames before its target
+    /// and the one left behind must be nearer to the wanted one than the frame that is shown.
     pub(super) fn candidates(&self) -> impl Iterator<Item = usize> + use<> {
-        let back = self.wanted.into_iter().flat_map({
-            // What was before the start of a loop has nothing to do with where a seek led.
-            let is_sought = self.sought.is_some();
-            move |wanted| {
-                let repeat = if is_sought { VdbRepeat::Once } else { wanted.repeat };
-                Place { repeat, ..wanted }.backwards()
-            }
+        let (wanted, shown, sought) = (self.wanted, self.shown, self.sought);
+        // What was before the start of a loop has nothing to do with where a seek led.
+        let repeat = sought.map(|_| VdbRepeat::Once);
+        let back = wanted.into_iter().flat_map(move |wanted| {
+            Place { repeat: repeat.unwrap_or(wanted.repeat), ..wanted }.backwards()
         });
-        let shown = self.shown;
-        let left_behind = self.left_behind.filter(|index| self.is_nearer(*index));
-        back.take_while(move |index| shown != Some(*index)).chain(left_behind)
+        let is_nearer = self.is_nearer();
+        let left_behind = self.left_behind.filter(|index| is_nearer(*index));
+        let mut is_before_target = false;
+        let back = back.take_while(move |index| shown != Some(*index)).filter(move |index| {
+            let may_be_shown = !is_before_target || is_nearer(*index);
+            is_before_target |= sought == Some(*index);
+            may_be_shown
+        });
+        back.chain(left_behind)
     }
 
-    /// Whether a frame is nearer to the wanted one than the frame that is shown.
-    fn is_nearer(&self, index: usize) -> bool {
-        let Some(wanted) = self.wanted else { return false };
-        let shown = self.shown.map(|shown| shown.abs_diff(wanted.index));
-        shown.is_none_or(|shown| index.abs_diff(wanted.index) < shown)
+    /// Tells whether a frame is nearer to the wanted one than the frame that is shown.
+    fn is_nearer(&self) -> impl Fn(usize) -> bool + use<> {
+        let (wanted, shown) = (self.wanted.map(|wanted| wanted.index), self.shown);
+        move |index| {
+            let distance = |index: usize| wanted.map(|wanted| wanted.abs_diff(index));
+            shown.is_none_or(|shown| distance(index) < distance(shown))
+        }
+    }
+
+    /// Whether a load should wait for the one that was left behind: the next seek would cancel it.
+    pub(super) fn is_dragged(&self) -> bool {
+        self.has_just_sought && self.left_behind.is_some_and(self.is_nearer())
+    }
+
+    /// Whether a frame is shown, or would be if it were loaded now. A load that was left behind is given
+    /// up if it blocks that of the wanted frame, unless the next seek would cancel the latter.
+    pub(super) fn is_in_use(&self, index: usize, blocks: bool) -> bool {
+        let is_left_behind = self.left_behind == Some(index);
+        self.shown == Some(index)
+            || (is_left_behind && (self.has_just_sought || !blocks))
+            || self.has_passed(index)
+    }
+
+    /// Before a seek takes effect: if the target of the one before is being loaded, that load goes on.
+    /// Not so before the first frame, from which the parts of grids are guessed.
+    pub(super) fn leave_behind(&mut self, is_loading: impl Fn(&usize) -> bool) {
+        if self.shown.is_some() {
+            self.left_behind = self.left_behind.or(self.sought.filter(is_loading));
+        }
     }
 
     /// Whether the clock has reached a frame since the shown one, or since a seek: if the frame is
@@ -129,15 +158,19 @@ mod tests {
 
     /// A timeline that is dragged, from either side.
     #[test]
-    fn a_frame_that_seeks_left_behind_is_shown_if_it_is_nearer() {
+    fn after_a_seek_the_frame_that_is_shown_gives_way_to_nearer_ones_only() {
         let candidates = |wanted, shown, left_behind| {
             let playback = playback(wanted, shown, Some(wanted));
-            Playback { left_behind: Some(left_behind), ..playback }.candidates().collect::<Vec<_>>()
+            Playback { left_behind, ..playback }.candidates().collect::<Vec<_>>()
         };
-        assert_eq!(candidates(3, Some(8), 5), [3, 2, 1, 0, 5]);
-        assert_eq!(candidates(3, Some(1), 5), [3, 2]);
-        assert_eq!(candidates(8, Some(6), 3), [8, 7]);
-        assert_eq!(candidates(1, None, 8), [1, 0, 8]);
+        assert_eq!(candidates(3, Some(8), Some(5)), [3, 2, 1, 0, 5]);
+        assert_eq!(candidates(6, Some(8), Some(7)), [6, 5, 7]);
+        assert_eq!(candidates(3, Some(1), Some(5)), [3, 2]);
+        assert_eq!(candidates(8, Some(6), Some(3)), [8, 7]);
+        assert_eq!(candidates(4, None, None), [4, 3, 2, 1, 0]);
+        // Frames since the target come late rather than never.
+        assert_eq!(playback(8, Some(7), Some(4)).candidates().collect::<Vec<_>>(), [8]);
+        assert_eq!(playback(6, Some(7), Some(4)).candidates().collect::<Vec<_>>(), [6, 5, 4]);
     }
 
     #[test]

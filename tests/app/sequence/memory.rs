@@ -1,5 +1,8 @@
 //! Which frames are in memory, and which are loaded.
 
+use std::ops::RangeInclusive;
+use std::time::{Duration, Instant};
+
 use bevy::prelude::*;
 use bevy_vdb::prelude::*;
 
@@ -10,7 +13,7 @@ fn is_known(stage: &Stage, number: u64) -> bool {
     stage.server().get_path_id(format!("gate://{}", name(number))).is_some()
 }
 
-fn known(stage: &Stage, numbers: std::ops::RangeInclusive<u64>) -> Vec<u64> {
+fn known(stage: &Stage, numbers: RangeInclusive<u64>) -> Vec<u64> {
     numbers.filter(|number| is_known(stage, *number)).collect()
 }
 
@@ -64,6 +67,11 @@ fn the_memory_of_all_frames_is_reported_once() {
     assert_eq!(usage(&stage), VdbFrameCacheUsage::default());
 }
 
+/// Whether the loads of frames wait at the gate: they can then be cancelled within an update.
+fn have_arrived(stage: &Stage, mut frames: RangeInclusive<u64>) -> bool {
+    frames.all(|frame| stage.gate.has_arrived(&name(frame)))
+}
+
 #[test]
 fn a_seek_cancels_loads_that_are_no_longer_wanted() {
     let mut stage = Stage::new("cancel");
@@ -72,8 +80,8 @@ fn a_seek_cancels_loads_that_are_no_longer_wanted() {
     *stage.cache() = VdbFrameCache { frames_ahead: 8, loads_at_once: 3, ..default() };
     let sequence = stage.sequence("gate://", 1..=30);
     let player = stage.spawn(VdbPlayer::new(sequence).paused());
-    stage.until("the loads", |stage| stage.shown(player).is_some() && is_known(stage, 4));
-    stage.app.update();
+    stage.until("the first frame", |stage| stage.shown(player).is_some());
+    stage.until("the loads", |stage| have_arrived(stage, 2..=4));
     assert_eq!(known(&stage, 1..=30), [1, 2, 3, 4], "three at a time");
     stage.player(player).seek(20);
     for _ in 0..3 {
@@ -81,7 +89,8 @@ fn a_seek_cancels_loads_that_are_no_longer_wanted() {
         assert_eq!(known(&stage, 1..=30), [1, 20], "nothing but the wanted frame, and at once");
     }
     stage.gate.open(&name(20));
-    stage.until("the next loads", |stage| known(stage, 1..=30) == [1, 20, 21, 22, 23]);
+    stage.until("the next loads", |stage| have_arrived(stage, 21..=23));
+    assert_eq!(known(&stage, 1..=30), [1, 20, 21, 22, 23]);
     // Loads that are still needed go on.
     stage.player(player).seek(22);
     stage.app.update();
@@ -94,72 +103,111 @@ fn a_seek_cancels_loads_that_are_no_longer_wanted() {
     assert_eq!(stage.failed(player), [0_u64; 0]);
 }
 
-/// With a seek in every update, frames are shown as they arrive.
-#[test]
-fn a_timeline_that_is_dragged_shows_frames() {
-    let mut stage = Stage::new("dragged");
+/// Forty frames that wait at the gate, of which the player, paused, shows the first.
+fn gated(test: &str, loads_at_once: usize) -> (Stage, Entity) {
+    let mut stage = Stage::new(test);
     stage.write(1..=40);
     stage.gate.open(&name(1));
-    *stage.cache() = VdbFrameCache { frames_ahead: 2, loads_at_once: 3, ..default() };
+    *stage.cache() = VdbFrameCache { frames_ahead: 2, loads_at_once, ..default() };
     let sequence = stage.sequence("gate://", 1..=40);
     let player = stage.spawn(VdbPlayer::new(sequence).paused());
     stage.until("the first frame", |stage| stage.shown(player).is_some());
-    let seek = |stage: &mut Stage, frame| {
-        stage.player(player).seek(frame);
-        stage.app.update();
-    };
+    let ahead = 2..=1 + loads_at_once.min(2) as u64;
+    stage.until("the loads ahead", |stage| have_arrived(stage, ahead.clone()));
+    (stage, player)
+}
+
+fn seek(stage: &mut Stage, player: Entity, frame: u64) {
+    stage.player(player).seek(frame);
+    stage.app.update();
+}
+
+/// Opens the gate for a frame and seeks to and fro until it is shown. Returns the last target.
+fn drag_until(stage: &mut Stage, player: Entity, targets: [u64; 2], shown: u64) -> u64 {
+    stage.gate.open(&name(shown));
+    let (start, before) = (Instant::now(), stage.shown(player));
+    loop {
+        for target in targets {
+            seek(stage, player, target);
+            if stage.shown(player) == Some(shown) {
+                return target;
+            }
+            assert_eq!(stage.shown(player), before);
+            assert!(start.elapsed().as_secs() < 60, "frame {shown} is not shown");
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+}
+
+/// With a seek in every update, frames are shown as they arrive.
+#[test]
+fn a_timeline_that_is_dragged_shows_frames() {
+    let (mut stage, player) = gated("dragged", 3);
     for frame in 10..20 {
-        seek(&mut stage, frame);
+        seek(&mut stage, player, frame);
         assert_eq!(known(&stage, 2..=40), [10], "the load of the first seek goes on by itself");
         assert_eq!(stage.shown(player), Some(1));
     }
-    let drag_until = |stage: &mut Stage, frames: [u64; 2], shown| {
-        stage.gate.open(&name(shown));
-        let start = std::time::Instant::now();
-        for frame in frames.into_iter().cycle() {
-            assert!(start.elapsed().as_secs() < 60, "frame {shown} is not shown");
-            seek(stage, frame);
-            if stage.shown(player) == Some(shown) {
-                return frame;
-            }
-            std::thread::sleep(std::time::Duration::from_millis(1));
-        }
-        unreachable!("the cycle ends only with the frame");
-    };
-    let next = drag_until(&mut stage, [20, 21], 10);
+    let next = drag_until(&mut stage, player, [20, 21], 10);
     assert_eq!(known(&stage, 11..=40), [next], "the frame that was sought last is loaded next");
-    let left = drag_until(&mut stage, [30, 31], next);
-    // When the drag ends, the wanted frame is loaded beside the one that was left behind. Once it is
+    let left = drag_until(&mut stage, player, [30, 31], next);
+    // When the drag rests, the wanted frame is loaded beside the one that was left behind. Once it is
     // shown, nobody needs the other.
-    seek(&mut stage, 33);
+    seek(&mut stage, player, 33);
     assert_eq!(known(&stage, 22..=40), [left]);
     stage.app.update();
     assert_eq!(known(&stage, 22..=40), [left, 33]);
     stage.gate.open(&name(33));
     stage.until("the last frame", |stage| stage.shown(player) == Some(33));
-    assert_eq!(known(&stage, 22..=33), [33]);
+    stage.until("the end of the other load", |stage| known(stage, 22..=33) == [33]);
+    // Backwards: frames in memory that are farther than what is shown do not take its place.
+    seek(&mut stage, player, 30);
+    let next = drag_until(&mut stage, player, [28, 29], 30);
+    drag_until(&mut stage, player, [27, 26], next);
     assert_eq!(stage.failed(player), [0_u64; 0]);
 }
 
-/// A recording does without frames that nobody seeks any more.
 #[test]
-fn a_player_that_waits_shows_only_the_last_of_several_seeks() {
-    let mut stage = Stage::new("waits");
-    stage.write(1..=40);
-    stage.gate.open(&name(1));
-    let sequence = stage.sequence("gate://", 1..=40);
-    let player = VdbPlayer::new(sequence).paused().with_late_frames(VdbLateFrames::Wait);
-    let player = stage.spawn(player);
-    stage.until("the first frame", |stage| stage.shown(player).is_some());
-    for frame in [20, 30] {
-        stage.player(player).seek(frame);
-        stage.app.update();
-        assert_eq!(known(&stage, 10..=40), [frame]);
+fn loads_that_seeks_leave_behind_end_when_they_are_of_no_use() {
+    // Where only one load is allowed, the wanted frame has it once the drag rests.
+    let (mut stage, player) = gated("one_load", 1);
+    for frame in [10, 20] {
+        seek(&mut stage, player, frame);
+        assert_eq!(known(&stage, 4..=40), [10]);
     }
+    stage.until("the other load", |stage| known(stage, 4..=40) == [20]);
+    // Back at the frame on screen, nothing else is waited for.
+    let (mut stage, player) = gated("and_back", 3);
+    for frame in [10, 1] {
+        seek(&mut stage, player, frame);
+        assert_eq!(known(&stage, 4..=40), [10]);
+    }
+    stage.until("the end of the load", |stage| known(stage, 4..=40) == [0_u64; 0]);
+    // A recording shows no frame but the wanted one.
+    let (mut stage, player) = gated("recording", 3);
+    for frame in [10, 20] {
+        seek(&mut stage, player, frame);
+        assert_eq!(known(&stage, 4..=40), [10]);
+    }
+    stage.player(player).late_frames = VdbLateFrames::Wait;
+    seek(&mut stage, player, 30);
+    stage.until("the only load", |stage| known(stage, 4..=40) == [30]);
+}
+
+/// The parts of grids are guessed from the first frame that is shown, which a seek may change.
+#[test]
+fn a_seek_before_the_first_frame_cancels_its_load() {
+    let mut stage = Stage::new("early_seek");
+    stage.write(1..=30);
+    let sequence = stage.sequence("gate://", 1..=30);
+    let player = stage.spawn(VdbPlayer::new(sequence));
+    stage.until("the first load", |stage| known(stage, 1..=30) == [1]);
+    seek(&mut stage, player, 20);
+    stage.until("the other load", |stage| known(stage, 1..=30) == [20]);
+    stage.gate.open(&name(1));
     stage.gate.open(&name(20));
-    stage.gate.open(&name(30));
-    stage.until("the frame", |stage| stage.shown(player) != Some(1));
-    assert_eq!(stage.shown(player), Some(30));
+    stage.until("a frame", |stage| stage.shown(player).is_some());
+    assert_eq!(stage.shown(player), Some(20));
 }
 
 /// Frames that the clock has passed while they are being loaded come late rather than never.

@@ -47,13 +47,21 @@ pub fn file(grids: Vec<Grid>) -> Vec<u8> {
     vdb_core::VdbFile::new(grids).write(&WriteOptions::default()).unwrap()
 }
 
-/// The files that the asset source `gate` lets pass.
+/// The files that the asset source `gate` lets pass, and those that have ever waited there.
 #[derive(Clone, Default)]
-pub struct Gate(Arc<Mutex<HashSet<PathBuf>>>);
+pub struct Gate {
+    open: Arc<Mutex<HashSet<PathBuf>>>,
+    arrived: Arc<Mutex<HashSet<PathBuf>>>,
+}
 
 impl Gate {
     pub fn open(&self, name: &str) {
-        self.0.lock().unwrap().insert(name.into());
+        self.open.lock().unwrap().insert(name.into());
+    }
+
+    /// Whether a load has ever waited for a file. Bevy's loader then holds no handle to it any more.
+    pub fn has_arrived(&self, name: &str) -> bool {
+        self.arrived.lock().unwrap().contains(Path::new(name))
     }
 }
 
@@ -75,7 +83,8 @@ impl<R: Reader> AsyncRead for Gated<R> {
         context: &mut Context,
         buffer: &mut [u8],
     ) -> Poll<std::io::Result<usize>> {
-        if !self.gate.0.lock().unwrap().contains(&self.path) {
+        if !self.gate.open.lock().unwrap().contains(&self.path) {
+            self.gate.arrived.lock().unwrap().insert(self.path.clone());
             context.waker().wake_by_ref();
             return Poll::Pending;
         }
