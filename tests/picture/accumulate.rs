@@ -195,6 +195,10 @@ fn whatever_changes_it_starts_anew() {
     let cube = stage.red_cube(0.8, Transform::from_xyz(9.0, 9.0, 0.0));
     let sun = DirectionalLight { illuminance: 2.0, shadow_maps_enabled: true, ..default() };
     let sun = stage.world().spawn((sun, looking(Vec3::new(-1.0, 4.0, 1.0)))).id();
+    let panes = [-2.0, 2.0].map(|x| {
+        let pane = RectLight { intensity: 300.0, ..default() };
+        stage.world().spawn((pane, looking(Vec3::new(x, 3.0, 2.0)))).id()
+    });
     let find = |stage: &mut Stage| {
         let mut all = stage.world().query_filtered::<Entity, With<VdbVolume>>();
         all.iter(stage.world()).next().unwrap()
@@ -210,7 +214,7 @@ fn whatever_changes_it_starts_anew() {
     with(&mut stage, camera, &target, on);
     stage.update(8);
     type Change<'a> = (&'a str, &'a dyn Fn(&mut World));
-    let changes: [Change; 14] = [
+    let changes: [Change; 16] = [
         ("what is in a grid", &|world| {
             let mut grids = world.resource_mut::<Assets<VdbGrid>>();
             *grids.get_mut(cloud).unwrap() = other.clone();
@@ -239,6 +243,12 @@ fn whatever_changes_it_starts_anew() {
         }),
         ("a light's place", &|world| {
             world.entity_mut(sun).insert(looking(Vec3::new(-1.0, 4.0, 2.0)));
+        }),
+        ("a rectangle light", &|world| {
+            world.get_mut::<RectLight>(panes[0]).unwrap().width = 2.0;
+        }),
+        ("a rectangle light that goes", &|world| {
+            world.despawn(panes[1]);
         }),
         ("a light probe", &|world| {
             world.spawn(LightProbe::default());

@@ -23,17 +23,23 @@ pub(crate) struct SceneChanges {
     pub casters: u64,
 }
 
-type IsLight = Or<(With<DirectionalLight>, With<PointLight>, With<SpotLight>)>;
+type IsLight = Or<(With<DirectionalLight>, With<PointLight>, With<SpotLight>, With<RectLight>)>;
 type LightChanged = Or<(
     Changed<DirectionalLight>,
     Changed<PointLight>,
     Changed<SpotLight>,
+    Changed<RectLight>,
     Changed<GlobalTransform>,
     Changed<InheritedVisibility>,
 )>;
 type LightData<'a> = (
     Entity,
-    (Option<&'a DirectionalLight>, Option<&'a PointLight>, Option<&'a SpotLight>),
+    (
+        Option<&'a DirectionalLight>,
+        Option<&'a PointLight>,
+        Option<&'a SpotLight>,
+        Option<&'a RectLight>,
+    ),
     (&'a GlobalTransform, &'a InheritedVisibility),
 );
 type MeshChanged = Or<(
@@ -75,6 +81,7 @@ pub(crate) struct Scene<'w, 's> {
         RemovedComponents<'w, 's, DirectionalLight>,
         RemovedComponents<'w, 's, PointLight>,
         RemovedComponents<'w, 's, SpotLight>,
+        RemovedComponents<'w, 's, RectLight>,
         RemovedComponents<'w, 's, Mesh3d>,
     ),
 }
@@ -102,8 +109,9 @@ pub(crate) fn extract_changes(
     let grid_events = grids.read().count() + vectors.read().count();
     let mesh_events =
         meshes.read().filter(|event| matches!(event, AssetEvent::Modified { .. })).count();
-    let (suns, points, spots, shapes) = &mut scene.gone;
-    let lights_gone = suns.read().count() + points.read().count() + spots.read().count();
+    let (suns, points, spots, panes, shapes) = &mut scene.gone;
+    let lamps_gone = points.read().count() + spots.read().count() + panes.read().count();
+    let lights_gone = suns.read().count() + lamps_gone;
     let meshes_gone = shapes.read().count();
     if !scene.qualities.iter().any(|quality| quality.accumulate > 1) {
         known.0.clear();

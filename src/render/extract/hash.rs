@@ -61,6 +61,7 @@ hash_fields! {
         affects_lightmapped_mesh_diffuse, shadow_depth_bias, shadow_normal_bias, shadow_map_near_z,
         outer_angle, inner_angle; ..
     }
+    RectLight { color, intensity, range, width, height }
     EnvironmentMapLight {
         diffuse_map, specular_map, intensity, rotation, affects_lightmapped_mesh_diffuse
     }
@@ -240,6 +241,7 @@ mod tests {
         each_field_counts(&DirectionalLight::default());
         each_field_counts(&PointLight::default());
         each_field_counts(&SpotLight::default());
+        each_field_counts(&RectLight::default());
         each_field_counts(&EnvironmentMapLight::default());
         each_field_counts(&LightProbe::default());
         each_field_counts(&IrradianceVolume::default());
