@@ -22,7 +22,7 @@ const PAUSE: Duration = Duration::from_secs(1);
 #[reflect(Resource, Clone, Debug, Default, PartialEq)]
 pub struct VdbFrameCache {
     /// The number of frames to load ahead of the wanted one, in the direction of play. 8 by default.
-    /// None begins to be loaded while the first frame after a start or a seek is being loaded.
+    /// Loading ahead begins only when the first frame after a start or a seek has been loaded.
     pub frames_ahead: usize,
     /// The memory limit in bytes for decoded frames: their trees, and the words for the GPU. Below
     /// it, frames stay in memory after they are played, so a short loop is decoded once. Beyond it,
@@ -220,6 +220,22 @@ impl Frames {
             Tell::Nothing
         } else {
             Tell::First
+        }
+    }
+
+    /// If no more than one frame of a sequence may be attempted now, and all frames that are needed
+    /// have failed, forgets the failure of the first of them, so that it is tried again.
+    pub fn forget_failure(
+        &mut self,
+        sequence: AssetId<VdbSequence>,
+        needed: &[Key],
+        now: Duration,
+    ) {
+        if self.attempts(sequence, now) == 1
+            && needed.iter().all(|key| self.has_failed(*key))
+            && let Some(key) = needed.first()
+        {
+            self.release(*key);
         }
     }
 

@@ -147,6 +147,7 @@ pub(super) fn load_frames(
             }));
         }
         own.sort_by_key(|need| need.distance);
+        frames.forget_failure(*id, &own.iter().map(|need| need.key).collect::<Vec<_>>(), now);
         let mut attempts = frames.attempts(*id, now);
         own.retain(|need| {
             if frames.frames.contains_key(&need.key) {

@@ -1,5 +1,6 @@
 //! Frames that are missing, damaged or cut short, and folders that go away.
 
+use std::collections::HashSet;
 use std::fs;
 use std::time::Duration;
 
@@ -149,6 +150,30 @@ fn a_folder_that_goes_away_is_tried_once_per_second() {
         std::thread::sleep(Duration::from_millis(1));
     }
     assert!(later > 90, "{later} is shown");
+}
+
+/// A drive that comes back is noticed, even if all frames of a loop have been tried without it.
+#[test]
+fn a_loop_that_has_failed_is_tried_again() {
+    let mut stage = Stage::new("loop_gone");
+    let sequence = stage.sequence("", 1..=6);
+    let player = stage.spawn(VdbPlayer::new(sequence));
+    let step = |stage: &mut Stage| {
+        stage.step(FRAME / 10);
+        std::thread::sleep(Duration::from_millis(1));
+    };
+    // Twelve seconds: each frame has failed, and the attempts go on, one per second.
+    (0..1_200).for_each(|_| step(&mut stage));
+    let failed = stage.failed(player);
+    assert!((1..=6).all(|frame| failed.contains(&frame)), "{failed:?}");
+    assert!((9..=24).contains(&failed.len()), "{failed:?}");
+    stage.write(1..=6);
+    let mut shown = HashSet::new();
+    for _ in 0..1_000 {
+        step(&mut stage);
+        shown.extend(stage.shown(player));
+    }
+    assert_eq!(shown, (1..=6).collect());
 }
 
 /// Bevy logs each failure; the plugin adds what happens, once, and once more when it tries less often.
