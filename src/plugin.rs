@@ -13,8 +13,9 @@ use crate::{VdbCamera, VdbQuality};
 
 /// Loads `.vdb` files and displays [`VdbVolume`](crate::VdbVolume)s in every `Camera3d`.
 ///
-/// Without a renderer (on a server, or in a test with `MinimalPlugins` and `AssetPlugin`) it still
-/// loads files and keeps bounds up to date.
+/// Add it after `DefaultPlugins`: it panics without Bevy's `AssetPlugin`. Without a renderer (on a
+/// server, or in a test with `MinimalPlugins` and `AssetPlugin`) it still loads files, keeps bounds
+/// up to date and answers ray casts.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct VdbRenderPlugin;
 

@@ -44,7 +44,7 @@ use super::settings::{VdbLoaderSettings, VdbRenderAs};
 /// )
 /// ```
 ///
-/// Vector grids are left out, and a warning names them. A cooked file is loaded by
+/// Vector grids and points are left out; a warning names them. A cooked file is loaded by
 /// [`VdbLoader`] as a [`VdbFile`](crate::VdbFile) with labelled grids; a
 /// [`VdbGrid`](crate::VdbGrid) needs a label in its path, `"teapot.vdb#surface"`.
 #[derive(Clone, Default, TypePath)]
@@ -55,8 +55,8 @@ pub struct VdbCooker;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct VdbCookSettings {
-    /// The settings for loading the file, as without processing. By default, nothing is lost:
-    /// [`VdbValues::Exact`](crate::VdbValues::Exact).
+    /// The settings for loading the file. Those of points have no effect: points are left out. By
+    /// default, values are exact: [`VdbValues::Exact`](crate::VdbValues::Exact).
     pub load: VdbLoaderSettings,
     /// The version of cooked files. Its default changes with the format, so Bevy recooks files whose
     /// settings are not in a `.meta` file.

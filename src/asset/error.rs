@@ -47,6 +47,6 @@ const MOST_PROBLEMS: usize = 8;
 /// The first [`MOST_PROBLEMS`] lines, and the number of the others.
 pub(super) fn few(problems: &[String]) -> Vec<String> {
     let (first, rest) = problems.split_at(problems.len().min(MOST_PROBLEMS));
-    let rest = (!rest.is_empty()).then(|| format!("and {} more grids were skipped", rest.len()));
+    let rest = (!rest.is_empty()).then(|| format!("and {} more such messages", rest.len()));
     first.iter().cloned().chain(rest).collect()
 }

@@ -25,6 +25,7 @@ pub struct VdbFile {
     pub vector_grids: HashMap<String, Handle<VdbVectorGrid>>,
     /// The metadata of the file.
     pub metadata: Metadata,
-    /// Grids in the file that cannot be displayed, with the reason.
+    /// Grids of types that cannot be read, with the reason. Grids left out for other reasons, such
+    /// as points, or a transform that is not linear, are only logged.
     pub skipped: Vec<SkippedGrid>,
 }

@@ -71,7 +71,8 @@ impl VdbGrid {
         Ok(self)
     }
 
-    /// Changes how the grid is displayed, as fog or as a surface.
+    /// Changes how the grid is displayed, as fog or as a surface. This resets the sample format to
+    /// [`VdbValues::Exact`], so call [`with_values`](Self::with_values) after it.
     ///
     /// # Errors
     /// If the tree is larger than a GPU grid can be, or takes more memory than its limits allow; or
@@ -146,12 +147,14 @@ impl VdbGrid {
     /// # use vdb_core::tree::CoordBox;
     /// fn dig(volume: Single<&VdbVolume>, mut grids: ResMut<Assets<VdbGrid>>) -> Result {
     ///     let Some(mut grid) = grids.get_mut(&volume.0) else { return Ok(()) };
+    ///     // In voxels; the values are distances in world units of the file.
     ///     let (middle, radius) = (IVec3::new(40, 12, 7), 9.0);
+    ///     let voxel = grid.world_from_index().matrix3.x_axis.length() as f32;
     ///     let bbox = CoordBox { min: middle - 12, max: middle + 12 };
     ///     grid.edit(|voxels| {
     ///         // Subtracts the ball from the level set.
     ///         voxels.update(bbox, |ijk, old| {
-    ///             let depth = radius - (ijk - middle).as_vec3().length();
+    ///             let depth = voxel * (radius - (ijk - middle).as_vec3().length());
     ///             VdbVoxel { value: old.value.max(depth), ..old }
     ///         });
     ///     })?;

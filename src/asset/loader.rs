@@ -33,7 +33,7 @@ use super::progress::{Job, Running, VdbLoadProgress};
 use super::settings::{VdbLoaderSettings, VdbRenderAs};
 use super::vector_grid::VdbVectorGrid;
 
-/// Loads `.vdb` files, and cooked ones (`.vdbc`), as [`VdbFile`]s, with a labelled asset for each
+/// Loads `.vdb`, `.nvdb` and cooked `.vdbc` files as [`VdbFile`]s, with a labelled asset for each
 /// grid. Registered by [`VdbRenderPlugin`](crate::VdbRenderPlugin). In `.meta` files it is
 /// `"bevy_vdb::VdbLoader"`.
 #[derive(Clone, Default, TypePath)]

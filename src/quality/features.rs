@@ -247,7 +247,7 @@ pub(crate) const FEATURES: [Feature; 51] = [
         &["VDB_UNCACHED_FOGS"],
         "fogs beside the cache",
         "with the light cache, a fog is too dense or too large for it and rays are more accurate, it is \
-         full, or there are more than 8 fogs and emission grids",
+         full, or there are more than 8 fogs or more than 8 emission grids",
     ),
     row(
         Features::LAMP_LIGHT,

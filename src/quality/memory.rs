@@ -27,8 +27,8 @@ pub struct VdbGpuMemory {
     /// [`VdbVolumeState`]: crate::VdbVolumeState
     pub max_bytes: u64,
     /// The initial size in bytes of these buffers. If it is large enough for all of the app's grids,
-    /// nothing is ever moved. 0 by default: memory follows the displayed grids, with a quarter to
-    /// spare, but no more than 128 MiB.
+    /// nothing is ever moved. 0 by default: memory follows the displayed grids, with a quarter of
+    /// their size, from 1 to 128 MiB, to spare.
     pub reserved_bytes: u64,
     /// The largest total size in bytes of grids that are no longer displayed but stay on the GPU, so
     /// that displaying them again costs nothing. Only grids whose assets exist are kept; the least

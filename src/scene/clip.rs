@@ -32,8 +32,8 @@ pub struct VdbClipPlane;
 /// [`VdbEmissionLight`](crate::VdbEmissionLight) remain those of the whole fire. Ray casts and
 /// [`VdbSpatialQuery::contains`](crate::VdbSpatialQuery::contains) ignore it; point samples still return its values.
 ///
-/// At most 32 planes can cut visible volumes at once: a warning names volumes with more, of which the image, but not
-/// ray casts, ignores some. Entities without a [`VdbClipPlane`] are ignored. A
+/// At most 32 planes can cut all visible volumes together. Beyond that, the image ignores some, and
+/// a warning names the volumes; ray casts obey all. Entities without a [`VdbClipPlane`] are ignored. A
 /// [`VdbPagedVolume`](crate::VdbPagedVolume) cannot be cut, because it has no pages inside the solid.
 #[derive(Clone, Component, Debug, Default, PartialEq, Eq, Reflect)]
 #[reflect(Component, Clone, Debug, Default, PartialEq)]

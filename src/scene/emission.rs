@@ -49,7 +49,7 @@ pub struct VdbVelocity {
     /// space.
     pub grid: Handle<VdbVectorGrid>,
     /// Units of the file's world per second at a velocity of 1: 1 for Houdini; for Blender's fluid
-    /// caches 2.5 times the edge of a voxel, at its default time scale.
+    /// caches 2.5 times the edge of a voxel, at its default time scale. 0, no motion, by default.
     pub scale: f32,
     /// Seconds of simulated time from the frame displayed in the previous update to the one displayed
     /// in this update: 0, the default, if they are the same; negative if time runs backwards.

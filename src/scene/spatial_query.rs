@@ -79,7 +79,8 @@ pub struct VdbRayHit {
     pub voxel: IVec3,
     /// The value of that voxel. `None` for a cooked voxel surface, which has no values.
     pub value: Option<f32>,
-    /// Whether the ray begins in a solid voxel; `distance` is then 0.
+    /// Whether the ray begins in a solid voxel; `distance` is then 0. Always `false` for smooth
+    /// surfaces and fog: see [`VdbSpatialQuery::contains`].
     pub begins_inside: bool,
 }
 
@@ -114,8 +115,8 @@ impl Default for VdbRayCastSettings<'_> {
 #[reflect(Clone, Debug, Default, PartialEq, Hash)]
 #[non_exhaustive]
 pub enum VdbRayVisibility {
-    /// All volumes, hidden or not, except pages of a [`VdbPagedVolume`](crate::VdbPagedVolume) that others
-    /// are displayed in place of.
+    /// All volumes, hidden or not, except the pages of a [`VdbPagedVolume`](crate::VdbPagedVolume)
+    /// that are not displayed: all of them if it is hidden.
     Any,
     /// Volumes that [`Visibility`] does not hide, whether or not a camera sees them.
     #[default]

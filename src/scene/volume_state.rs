@@ -38,7 +38,8 @@ pub enum VdbVolumeState {
     /// [`VdbLoadProgress`](crate::VdbLoadProgress).
     #[default]
     Loading,
-    /// Its grid could not be loaded, for this reason. Bevy has logged the reason with the file path.
+    /// Its grid could not be loaded, for this reason. If loading failed, Bevy has logged the reason
+    /// with the file path; a default handle or a sequence without frames is reported only here.
     Failed(String),
     /// Its grids are being uploaded to the GPU, or a pipeline that a camera needs is being
     /// compiled. Until then, the volume is drawn as far as existing pipelines allow.

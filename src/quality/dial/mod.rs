@@ -34,16 +34,17 @@ pub enum VdbDial {
     ///
     /// GPU times come from Bevy's `RenderDiagnosticsPlugin`. Without it, or on an adapter without
     /// timestamps, the time between frames is used, with a warning. Much of that may be beyond the
-    /// dial's control, such as the app's own systems or vertical sync. If that makes the budget
-    /// unreachable, quality is not sacrificed in vain: the dial holds the best mark that takes no
-    /// more than 1.35 times as long as the cheapest, and tries again at growing intervals.
+    /// dial's control, such as the app's own systems or vertical sync. If the budget cannot be met,
+    /// the dial uses the best quality, [`VdbQuality::HIGH`] at most, that takes no more than 1.35
+    /// times as long as the fastest, and tries again at growing intervals.
     Budget {
         /// Milliseconds. More than 0.
         frame_ms: f32,
     },
-    /// The fastest settings whose errors stay within this many pixels: rays are no further apart, and
-    /// fog steps are no longer at the near side of the nearest volume. Fog lit by the light cache keeps
-    /// the error of [`VdbQuality::HIGH`] instead.
+    /// The fastest settings whose errors stay within this many pixels: rays are `1 + pixels` pixels
+    /// apart, at most 4, and no fog step spans more than `pixels` at the near side of the nearest
+    /// volume, unless it is as short as in [`VdbQuality::EXACT`]. Fog lit by the light cache keeps
+    /// the error of [`VdbQuality::HIGH`].
     MaxError {
         /// 0 or more.
         pixels: f32,

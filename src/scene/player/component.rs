@@ -40,7 +40,7 @@ use crate::{VdbRepeat, VdbSequence, VdbVolume};
 pub struct VdbPlayer {
     /// The sequence.
     pub sequence: Handle<VdbSequence>,
-    /// Multiplies the rate; negative values play backwards. 1 by default.
+    /// Multiplies the rate; negative values play backwards. Finite; 1 by default.
     pub speed: f32,
     /// The behaviour after the last frame. `None`, the default, uses the sequence's setting.
     pub repeat: Option<VdbRepeat>,
@@ -53,7 +53,8 @@ pub struct VdbPlayer {
     pub blend: VdbFrameBlend,
     /// The label of the grid to show. `None`, the default, selects it by its role.
     pub grid: Option<String>,
-    /// Whether the player sets `VdbEmission` and `VdbColorGrid`. On by default.
+    /// Whether the player sets the grids of `VdbEmission`, `VdbColorGrid` and `VdbVelocity`. On by
+    /// default.
     pub sets_roles: bool,
     is_paused: bool,
     seek: Option<Seek>,
@@ -149,7 +150,7 @@ impl VdbPlayer {
         self
     }
 
-    /// Sets only the grid of the `VdbVolume`, and leaves emission and colour alone.
+    /// Sets only the grid of the `VdbVolume`, not those of emission, colour and velocity.
     pub fn without_roles(mut self) -> Self {
         self.sets_roles = false;
         self

@@ -87,8 +87,10 @@ pub struct VdbPlayerFinished {
 }
 
 /// An event of a player's entity: a frame of its sequence cannot be shown. The frame before it stays
-/// on screen in its place. The event is sent once, when the frame is loaded ahead. The frame is tried
-/// again when the file changes, if Bevy watches files, or when the sequence is reloaded.
+/// on screen in its place. The event is sent when loading fails, which is usually ahead of its time,
+/// to all players that exist then; or when the frame is due, if it has no grid to show. The frame is
+/// tried again when its file changes, if Bevy watches files; when the sequence changes; or, once per
+/// second, if the last four attempts and all frames that are needed have failed.
 #[derive(Clone, Debug, EntityEvent, PartialEq, Eq)]
 pub struct VdbFrameFailed {
     /// The entity of the player.
