@@ -95,6 +95,8 @@ pub(super) struct Known {
     /// Failures since a frame was last loaded, and whether one has been reported.
     failures: u32,
     told: bool,
+    /// The frame that is tried again although it has failed, until it is loaded.
+    retried: Option<usize>,
     /// When the next attempt is due, if there were too many of them.
     next_attempt: Duration,
 }
@@ -204,6 +206,10 @@ impl Frames {
         known.largest = known.largest.max(bytes);
         known.failures = 0;
         known.version += 1;
+        // What kept it from loading is over, and probably for the others, too.
+        if known.retried.take_if(|index| *index == key.1).is_some() {
+            self.frames.retain(|(id, _), frame| *id != key.0 || frame.held != Held::Failed);
+        }
     }
 
     /// Records that a frame could not be loaded.
@@ -236,6 +242,7 @@ impl Frames {
             && let Some(key) = needed.first()
         {
             self.release(*key);
+            self.known.entry(sequence).or_default().retried = Some(key.1);
         }
     }
 
