@@ -7,7 +7,7 @@ use bevy::asset::{AssetLoadError, LoadState};
 use bevy::prelude::*;
 use vdb_core::display::escaped;
 
-use super::cache::Held;
+use super::cache::{Held, Need};
 use crate::{VdbFile, VdbFrame, VdbGrid, VdbLoaderSettings, VdbSequence, VdbVectorGrid};
 
 /// The number of consecutive failures after which a sequence is retried less often.
@@ -78,7 +78,7 @@ pub(super) struct Frame {
 }
 
 impl Frame {
-    fn is_loading(&self) -> bool {
+    pub fn is_loading(&self) -> bool {
         matches!(self.held, Held::Loading { .. })
     }
 }
@@ -234,12 +234,12 @@ impl Frames {
     pub fn forget_failure(
         &mut self,
         sequence: AssetId<VdbSequence>,
-        needed: &[Key],
+        needed: &[Need<Key>],
         now: Duration,
     ) {
         if self.attempts(sequence, now) == 1
-            && needed.iter().all(|key| self.has_failed(*key))
-            && let Some(key) = needed.first()
+            && needed.iter().all(|need| self.has_failed(need.key))
+            && let Some(Need { key, .. }) = needed.first()
         {
             self.release(*key);
             self.known.entry(sequence).or_default().retried = Some(key.1);

@@ -6,7 +6,7 @@ use bevy::prelude::*;
 use bevy::time::Real;
 use vdb_core::display::escaped;
 
-use super::cache::{Bounds, Entry, Held, Need, plan};
+use super::cache::{Bounds, Entry, Need, plan};
 use super::component::VdbPlayer;
 use super::frames::{Ended, Frames, Key, PATIENCE, Tell, VdbFrameCache, VdbFrameCacheUsage, bytes};
 use super::order::Place;
@@ -72,7 +72,7 @@ pub(super) fn follow_loads(
         .frames
         .iter()
         .filter(|(key, own)| {
-            let is_new = matches!(own.held, Held::Loading { .. }) || loaded.contains(*key);
+            let is_new = own.is_loading() || loaded.contains(*key);
             !is_new && is_changed(&own.handle)
         })
         .filter_map(|(key, own)| Some((*key, size(files.get(&own.handle)?))))
@@ -147,7 +147,7 @@ pub(super) fn load_frames(
             }));
         }
         own.sort_by_key(|need| need.distance);
-        frames.forget_failure(*id, &own.iter().map(|need| need.key).collect::<Vec<_>>(), now);
+        frames.forget_failure(*id, &own, now);
         let mut attempts = frames.attempts(*id, now);
         own.retain(|need| {
             if frames.frames.contains_key(&need.key) {
@@ -159,8 +159,7 @@ pub(super) fn load_frames(
         });
         needs.extend(own);
     }
-    let loads = frames.frames.keys().filter(|key| frames.is_loading(**key)).count();
-    let is_full = loads >= cache.loads_at_once;
+    let is_full = frames.usage().loading() >= cache.loads_at_once as u64;
     let entry = |(key, frame): (&Key, &super::frames::Frame)| {
         let playbacks = by_sequence.get(&key.0).map(Vec::as_slice).unwrap_or_default();
         let distances = playbacks.iter().filter_map(|playback| playback.wanted);

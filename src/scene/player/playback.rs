@@ -70,10 +70,10 @@ impl Playback {
     /// and the one left behind must be nearer to the wanted one than the frame that is shown.
     pub(super) fn candidates(&self) -> impl Iterator<Item = usize> + use<> {
         let (wanted, shown, sought) = (self.wanted, self.shown, self.sought);
-        // What was before the start of a loop has nothing to do with where a seek led.
-        let repeat = sought.map(|_| VdbRepeat::Once);
         let back = wanted.into_iter().flat_map(move |wanted| {
-            Place { repeat: repeat.unwrap_or(wanted.repeat), ..wanted }.backwards()
+            // What was before the start of a loop has nothing to do with where a seek led.
+            let repeat = if sought.is_some() { VdbRepeat::Once } else { wanted.repeat };
+            Place { repeat, ..wanted }.backwards()
         });
         let is_nearer = self.is_nearer();
         let left_behind = self.left_behind.filter(|index| is_nearer(*index));

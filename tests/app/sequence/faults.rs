@@ -120,6 +120,12 @@ fn a_changed_sequence_tries_failed_frames_again() {
     assert_eq!(stage.shown(player), Some(1));
 }
 
+/// A hundredth of a second of the app's time, and a little of real time for loads.
+fn hundredth(stage: &mut Stage) {
+    stage.step(FRAME / 10);
+    std::thread::sleep(Duration::from_millis(1));
+}
+
 /// Neither a panic nor a flood: Bevy logs each attempt.
 #[test]
 fn a_folder_that_goes_away_is_tried_once_per_second() {
@@ -133,9 +139,8 @@ fn a_folder_that_goes_away_is_tried_once_per_second() {
     // Nine seconds.
     let mut shown = 0;
     for _ in 0..900 {
-        stage.step(FRAME / 10);
+        hundredth(&mut stage);
         shown = stage.shown(player).unwrap().max(shown);
-        std::thread::sleep(Duration::from_millis(1));
     }
     assert!(shown <= 9, "{shown} was loaded before");
     let failed = stage.failed(player).len();
@@ -145,9 +150,8 @@ fn a_folder_that_goes_away_is_tried_once_per_second() {
     stage.write(1..=100);
     let mut later = 0;
     for _ in 0..300 {
-        stage.step(FRAME / 10);
+        hundredth(&mut stage);
         later = stage.shown(player).unwrap().max(later);
-        std::thread::sleep(Duration::from_millis(1));
     }
     assert!(later > 90, "{later} is shown");
 }
@@ -158,19 +162,15 @@ fn a_loop_that_has_failed_is_tried_again() {
     let mut stage = Stage::new("loop_gone");
     let sequence = stage.sequence("", 1..=6);
     let player = stage.spawn(VdbPlayer::new(sequence));
-    let step = |stage: &mut Stage| {
-        stage.step(FRAME / 10);
-        std::thread::sleep(Duration::from_millis(1));
-    };
     // Twelve seconds: each frame has failed, and the attempts go on, one per second.
-    (0..1_200).for_each(|_| step(&mut stage));
+    (0..1_200).for_each(|_| hundredth(&mut stage));
     let failed = stage.failed(player);
     assert!((1..=6).all(|frame| failed.contains(&frame)), "{failed:?}");
     assert!((9..=24).contains(&failed.len()), "{failed:?}");
     stage.write(1..=6);
     let mut shown = HashSet::new();
     for _ in 0..1_000 {
-        step(&mut stage);
+        hundredth(&mut stage);
         shown.extend(stage.shown(player));
     }
     assert_eq!(shown, (1..=6).collect());
@@ -188,8 +188,7 @@ fn failures_are_told_of_in_few_lines() {
     let player = stage.spawn(VdbPlayer::new(sequence));
     stage.until("four failures", |stage| stage.failed(player).len() == 4);
     for _ in 0..300 {
-        stage.step(FRAME / 10);
-        std::thread::sleep(Duration::from_millis(1));
+        hundredth(&mut stage);
     }
     // One more may have failed, and not be told of yet.
     stage.until("the last event", |stage| {

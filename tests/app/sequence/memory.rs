@@ -92,8 +92,7 @@ fn a_seek_cancels_loads_that_are_no_longer_wanted() {
     stage.until("the next loads", |stage| have_arrived(stage, 21..=23));
     assert_eq!(known(&stage, 1..=30), [1, 20, 21, 22, 23]);
     // Loads that are still needed go on.
-    stage.player(player).seek(22);
-    stage.app.update();
+    seek(&mut stage, player, 22);
     assert_eq!(known(&stage, 17..=30), [20, 22, 23]);
     // What was cancelled can be loaded again.
     stage.player(player).seek(3);
