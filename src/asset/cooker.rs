@@ -8,15 +8,15 @@ use bevy::asset::processor::{Process, ProcessContext, ProcessError};
 use bevy::prelude::*;
 use bevy::tasks::futures_lite::AsyncWriteExt;
 use serde::{Deserialize, Serialize};
+use vdb_core::AnyTree;
 use vdb_core::cooked::{CookOptions, CookedFile, VERSION};
 use vdb_core::display::{escaped, quoted};
 use vdb_core::pack::PackKind;
 use vdb_core::tree::trim_narrow_band;
-use vdb_core::{AnyTree, GridSelection, ReadOptions, VdbFile};
 
 use super::background;
-use super::error::VdbLoaderError;
-use super::loader::{VdbLoader, half_width, kind, take_in};
+use super::error::{VdbLoaderError, few};
+use super::loader::{VdbLoader, half_width, kind, read, take_in, tell_of_conversions};
 use super::settings::{VdbLoaderSettings, VdbRenderAs};
 
 /// Cooks `.vdb` files when Bevy processes assets (`AssetMode::Processed`): packs their grids for the
@@ -44,7 +44,8 @@ use super::settings::{VdbLoaderSettings, VdbRenderAs};
 /// )
 /// ```
 ///
-/// Vector grids and points are left out; a warning names them. A cooked file is loaded by
+/// Points are cooked as the volume that [`VdbLoaderSettings::points`] displays. Vector grids are left out;
+/// a warning names them, and what else cannot be cooked. A cooked file is loaded by
 /// [`VdbLoader`] as a [`VdbFile`](crate::VdbFile) with labelled grids; a
 /// [`VdbGrid`](crate::VdbGrid) needs a label in its path, `"teapot.vdb#surface"`.
 #[derive(Clone, Default, TypePath)]
@@ -83,8 +84,11 @@ impl Process for VdbCooker {
         let (path, load) = (context.path().clone(), settings.load.clone());
         load.check().map_err(failed)?;
         let bytes = take_in(context.asset_reader(), None, &load.limits).await.map_err(failed)?;
-        let task = background::run(move || cook(&bytes, &load));
-        let (bytes, left_out) = task.await.map_err(failed)?;
+        let task = background::run(move || cook(bytes, &load));
+        let (bytes, left_out, problems) = task.await.map_err(failed)?;
+        for problem in few(&problems) {
+            warn!("{}: {problem}", escaped(&path.to_string()));
+        }
         if !left_out.is_empty() {
             let names = left_out.iter().map(|name| quoted(name).to_string()).collect::<Vec<_>>();
             warn!(
@@ -99,21 +103,15 @@ impl Process for VdbCooker {
     }
 }
 
-/// The bytes of the cooked file, and the names of grids that are left out.
+/// The bytes of the cooked file, the names of vector grids, which are left out, and reports about
+/// other grids.
 fn cook(
-    bytes: &[u8],
+    bytes: Vec<u8>,
     settings: &VdbLoaderSettings,
-) -> Result<(Vec<u8>, Vec<String>), VdbLoaderError> {
-    let options = ReadOptions {
-        limits: settings.limits.clone(),
-        grids: settings.grids.clone().map_or(GridSelection::All, GridSelection::Names),
-        progress: None,
-    };
-    let mut file = VdbFile::read(bytes, &options)?;
-    file.convert_to_floats(&settings.limits);
-    let skipped = file.skipped.iter().map(|grid| grid.unique_name.clone());
-    let mut left_out: Vec<String> = skipped.collect();
-    left_out.extend(file.points.iter().map(|points| points.unique_name.clone()));
+) -> Result<(Vec<u8>, Vec<String>, Vec<String>), VdbLoaderError> {
+    let (mut file, mut problems, converted) = read(bytes, settings, None)?;
+    tell_of_conversions(&converted, &mut problems);
+    let mut left_out = Vec::new();
     for grid in &mut file.grids {
         let AnyTree::Float(tree) = &grid.tree else {
             left_out.push(grid.unique_name.clone());
@@ -136,5 +134,5 @@ fn cook(
         limits: settings.limits.clone(),
         ..CookOptions::default()
     };
-    Ok((CookedFile::cook(&file, &options)?.write()?, left_out))
+    Ok((CookedFile::cook(&file, &options)?.write()?, left_out, problems))
 }

@@ -8,7 +8,7 @@ use bevy::prelude::*;
 use vdb_core::cooked::CookedFile;
 use vdb_core::display::escaped;
 use vdb_core::pack::PackKind;
-use vdb_core::{AnyTree, Grid};
+use vdb_core::{AnyTree, ConvertedGrid, Grid};
 
 use crate::asset::colors::join_colors;
 use crate::asset::cooked;
@@ -64,7 +64,8 @@ impl AssetLoader for VdbGridLoader {
         settings: &VdbLoaderSettings,
         load_context: &mut LoadContext<'_>,
     ) -> Result<VdbGrid, VdbLoaderError> {
-        load_with(&self.progress, reader, settings, load_context, decode_grid).await
+        let main = load_with(&self.progress, reader, settings, load_context, decode_grid).await?;
+        Ok(main.tell(load_context))
     }
 
     fn extensions(&self) -> &[&str] {
@@ -83,7 +84,9 @@ impl AssetLoader for VdbVectorGridLoader {
         settings: &VdbLoaderSettings,
         load_context: &mut LoadContext<'_>,
     ) -> Result<VdbVectorGrid, VdbLoaderError> {
-        load_with(&self.progress, reader, settings, load_context, decode_vectors).await
+        let main =
+            load_with(&self.progress, reader, settings, load_context, decode_vectors).await?;
+        Ok(main.tell(load_context))
     }
 
     fn extensions(&self) -> &[&str] {
@@ -93,22 +96,47 @@ impl AssetLoader for VdbVectorGridLoader {
 
 const VECTORS: &str = "vectors";
 
+/// A main grid.
+struct Main<G> {
+    grid: G,
+    /// If its values were converted, what that has changed.
+    converted: Option<ConvertedGrid>,
+}
+
+impl<G> Main<G> {
+    /// The grid, after a warning if its values were converted.
+    fn tell(self, load_context: &LoadContext) -> G {
+        if let Some(converted) = self.converted {
+            warn!("{}: {converted}", escaped(&load_context.path().to_string()));
+        }
+        self.grid
+    }
+}
+
 fn decode_grid(
     bytes: Vec<u8>,
     settings: &VdbLoaderSettings,
     job: &Arc<Job>,
-) -> Result<VdbGrid, VdbLoaderError> {
+) -> Result<Main<VdbGrid>, VdbLoaderError> {
     if CookedFile::is_cooked(&bytes) {
-        return cooked::decode_main(bytes, settings, job);
+        let grid = cooked::decode_main(bytes, settings, job)?;
+        return Ok(Main { grid, converted: None });
     }
     let is_float = |grid: &Grid| matches!(grid.tree, AnyTree::Float(_));
     let pick = |grids: &[Grid]| {
         let candidates: Vec<_> = grids.iter().map(|grid| candidate(grid, settings)).collect();
         main_grid(&candidates)
     };
-    match decode_one(read(bytes, settings, job)?, settings, job, "floats", is_float, pick)? {
-        Prepared::Floats(grid) => Ok(grid),
-        Prepared::Vectors(_) => Err(VdbLoaderError::NothingToShow(Vec::new())),
+    match decode_one(
+        read(bytes, settings, Some(job.decoding()))?,
+        settings,
+        job,
+        "floats",
+        is_float,
+        pick,
+    )? {
+        (Prepared::Floats(grid), converted) => Ok(Main { grid, converted }),
+        (Prepared::Vectors(_), _) => Err(VdbLoaderError::NothingToShow(Vec::new())),
     }
 }
 
@@ -116,7 +144,7 @@ fn decode_vectors(
     bytes: Vec<u8>,
     settings: &VdbLoaderSettings,
     job: &Arc<Job>,
-) -> Result<VdbVectorGrid, VdbLoaderError> {
+) -> Result<Main<VdbVectorGrid>, VdbLoaderError> {
     if CookedFile::is_cooked(&bytes) {
         let there = cooked::labels_of(bytes, settings, job)?.join(", ");
         return Err(VdbLoaderError::NoSuchGrid(VECTORS, there));
@@ -126,15 +154,15 @@ fn decode_vectors(
         let names: Vec<_> = grids.iter().map(|grid| grid.name.as_str()).collect();
         main_vectors(&names)
     };
-    let (mut file, mut problems, converted) = read(bytes, settings, job)?;
+    let (mut file, mut problems, converted) = read(bytes, settings, Some(job.decoding()))?;
     problems.extend(join_colors(&mut file.grids, &settings.limits));
     match decode_one((file, problems, converted), settings, job, VECTORS, is_vectors, pick)? {
-        Prepared::Vectors(grid) => Ok(grid),
-        Prepared::Floats(_) => Err(VdbLoaderError::NothingToShow(Vec::new())),
+        (Prepared::Vectors(grid), converted) => Ok(Main { grid, converted }),
+        (Prepared::Floats(_), _) => Err(VdbLoaderError::NothingToShow(Vec::new())),
     }
 }
 
-/// Packs one grid of a type.
+/// Packs one grid of a type. Also returns what converting its values has changed.
 fn decode_one(
     (file, problems, converted): ReadGrids,
     settings: &VdbLoaderSettings,
@@ -142,7 +170,7 @@ fn decode_one(
     type_name: &'static str,
     is_of_type: impl Fn(&Grid) -> bool,
     pick: impl Fn(&[Grid]) -> Option<usize>,
-) -> Result<Prepared, VdbLoaderError> {
+) -> Result<(Prepared, Option<ConvertedGrid>), VdbLoaderError> {
     let (mut grids, others): (Vec<Grid>, Vec<Grid>) = file.grids.into_iter().partition(is_of_type);
     if grids.is_empty() {
         let mut there = labels_of(&others);
@@ -159,10 +187,13 @@ fn decode_one(
     let grid = grids.swap_remove(picked);
     drop((grids, others));
     let name = escaped(&grid.unique_name).to_string();
+    let converted = converted.into_iter().find(|other| other.grid == grid.unique_name);
     job.begin_packing(1);
-    prepare(grid, settings, &mut Shared::new(settings, job)).map_err(|reason: VdbGridError| {
+    let skipped = |reason: VdbGridError| {
         VdbLoaderError::NothingToShow(vec![format!("grid '{name}' was skipped: {reason}")])
-    })
+    };
+    let grid = prepare(grid, settings, &mut Shared::new(settings, job)).map_err(skipped)?;
+    Ok((grid, converted))
 }
 
 fn labels_of(grids: &[Grid]) -> Vec<String> {

@@ -13,8 +13,8 @@ use vdb_core::display::escaped;
 use vdb_core::pack::{PackError, PackKind, PackOptions, PackedGrid, PackedTogether};
 use vdb_core::tree::{Vdb543, trim_narrow_band};
 use vdb_core::{
-    AnyTree, ConvertedGrid, FileBuffer, Grid, GridClass, GridSelection, Limits, ReadOptions,
-    Transform,
+    AnyTree, ConvertedGrid, FileBuffer, Grid, GridClass, GridSelection, Limits, ProgressFn,
+    ReadOptions, Transform,
 };
 
 use super::background;
@@ -160,12 +160,12 @@ pub(super) type ReadGrids = (vdb_core::VdbFile, Vec<String>, Vec<ConvertedGrid>)
 pub(super) fn read(
     bytes: Vec<u8>,
     settings: &VdbLoaderSettings,
-    job: &Arc<Job>,
+    progress: Option<Arc<ProgressFn>>,
 ) -> Result<ReadGrids, VdbLoaderError> {
     let options = ReadOptions {
         limits: settings.limits.clone(),
         grids: settings.grids.clone().map_or(GridSelection::All, GridSelection::Names),
-        progress: Some(job.decoding()),
+        progress,
     };
     let mut file = vdb_core::VdbFile::read(&bytes, &options)?;
     // Frees the memory for packing.
@@ -201,7 +201,7 @@ fn decode(
     if CookedFile::is_cooked(&bytes) {
         return cooked::decode(bytes, settings, job);
     }
-    let (mut file, mut problems, converted) = read(bytes, settings, job)?;
+    let (mut file, mut problems, converted) = read(bytes, settings, Some(job.decoding()))?;
     problems.extend(join_colors(&mut file.grids, &settings.limits));
     let (mut grids, mut vector_grids) = (Vec::new(), Vec::new());
     let mut shared = Shared::new(settings, job);
@@ -218,13 +218,17 @@ fn decode(
     if grids.is_empty() && vector_grids.is_empty() && !problems.is_empty() {
         return Err(VdbLoaderError::NothingToShow(problems));
     }
-    // One line, whatever their number.
-    if !converted.is_empty() {
-        let lines: Vec<String> = converted.iter().map(ToString::to_string).collect();
-        problems.push(lines.join("; "));
-    }
+    tell_of_conversions(&converted, &mut problems);
     let (metadata, skipped) = (file.metadata, file.skipped);
     Ok(Decoded { metadata, skipped, grids, vector_grids, problems })
+}
+
+/// Adds one line for all grids that were converted: the first one, because [`few`] leaves out the last.
+pub(super) fn tell_of_conversions(converted: &[ConvertedGrid], problems: &mut Vec<String>) {
+    if !converted.is_empty() {
+        let lines: Vec<String> = converted.iter().map(ToString::to_string).collect();
+        problems.insert(0, lines.join("; "));
+    }
 }
 
 /// Packed trees: instances share one tree, which is packed once.

@@ -22,7 +22,7 @@ type Cameras<'w, 's> = Query<
     's,
     (
         &'static Camera,
-        &'static VdbCamera,
+        Option<&'static VdbCamera>,
         &'static Projection,
         &'static Frustum,
         &'static GlobalTransform,
@@ -50,7 +50,9 @@ pub(super) fn update_pages(
 ) {
     let views: Vec<_> = cameras
         .iter()
-        .filter(|(camera, settings, ..)| camera.is_active && settings.enabled)
+        .filter(|(camera, settings, ..)| {
+            camera.is_active && settings.is_none_or(|settings| settings.enabled)
+        })
         .map(|(camera, _, projection, frustum, at)| {
             let height = camera.physical_viewport_size().map_or(1, |size| size.y).max(1);
             Viewpoint { projection, frustum, at, height }

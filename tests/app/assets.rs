@@ -19,6 +19,8 @@ use vdb_core::pack::PackKind;
 use vdb_core::tree::Vdb543;
 use vdb_core::{AnyTree, Grid, GridClass, WriteOptions};
 
+use crate::log::{listen, said};
+
 fn data(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("crates/vdb_core/tests/data").join(name)
 }
@@ -132,6 +134,45 @@ fn grids_of_other_types_become_floats() {
     // Instances are packed once.
     let instance = grid(&mut app, "instance");
     assert!(Arc::ptr_eq(integers.packed(), instance.packed()));
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn conversions_are_told_of_with_and_without_a_label() {
+    listen();
+    let mut doubles = Vdb543::new(0.0_f64);
+    doubles.set(IVec3::ZERO, 0.1);
+    let mut floats = Vdb543::new([0.0_f32; 3]);
+    floats.set(IVec3::ZERO, [1.0; 3]);
+    let mut integers = Vdb543::new([0; 3]);
+    integers.set(IVec3::ZERO, [i32::MAX; 3]);
+    let files = [
+        ("doubles", AnyTree::Double(doubles.into())),
+        ("vectors", AnyTree::Vec3s(floats.into())),
+        ("integers", AnyTree::Vec3i(integers.into())),
+    ];
+    let folder = std::env::temp_dir().join(format!("vdb-told-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let mut app = app();
+    for (name, tree) in files {
+        let told = || said(&format!("told_{name}.vdb: grid \"{name}\"")).len();
+        let path = folder.join(format!("told_{name}.vdb"));
+        let is_vectors = !matches!(tree, AnyTree::Double(_));
+        let grids = vec![Grid::new(name, tree)];
+        vdb_core::VdbFile::new(grids).save(&path, &WriteOptions::default()).unwrap();
+        let file: Handle<VdbFile> = load(&app, path.clone());
+        loaded(&mut app, &file);
+        let with_label = told();
+        if is_vectors {
+            let grid: Handle<VdbVectorGrid> = load(&app, path);
+            loaded(&mut app, &grid);
+        } else {
+            let grid: Handle<VdbGrid> = load(&app, path);
+            loaded(&mut app, &grid);
+        }
+        let expected = if name == "vectors" { [0, 0] } else { [1, 2] };
+        assert_eq!([with_label, told()], expected, "{name}");
+    }
     std::fs::remove_dir_all(folder).unwrap();
 }
 

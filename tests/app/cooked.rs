@@ -342,6 +342,27 @@ fn bevy_cooks_files_when_it_processes_assets() {
     assert_eq!(changed.named_grids.keys().collect::<Vec<_>>(), ["flame"]);
 }
 
+/// Points are cooked as they would be displayed: by default, they are not.
+#[test]
+fn points_are_cooked_as_a_volume() {
+    let folder = Folder::new("points");
+    let points = super::points::bytes();
+    for name in ["balls.vdb", "left_out.vdb"] {
+        fs::write(folder.asset(name), &points).unwrap();
+    }
+    let settings = "(meta_format_version: \"1.0\", asset: Process(\
+        processor: \"bevy_vdb::VdbCooker\", settings: (load: (\
+        points: Balls, point_voxel_size: Some(0.05), point_radius: Some(0.2)))))";
+    fs::write(folder.asset("balls.vdb.meta"), settings).unwrap();
+    let mut app = processing(&folder);
+    let balls: VdbFile = load(&mut app, "balls.vdb").unwrap();
+    assert_eq!(balls.grids.len(), 3);
+    for balls in balls.grids.iter().map(|handle| grid(&app, handle)) {
+        assert!(balls.tree().is_none() && matches!(balls.kind(), PackKind::Smooth { .. }));
+    }
+    load::<VdbFile>(&mut app, "left_out.vdb").unwrap_err();
+}
+
 #[test]
 fn a_file_that_cannot_be_cooked_says_why() {
     let folder = Folder::new("refused");

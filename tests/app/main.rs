@@ -6,6 +6,7 @@ mod cooked;
 #[cfg(feature = "picking")]
 #[path = "../common/headless.rs"]
 mod headless;
+mod log;
 mod meshes;
 #[cfg(feature = "picking")]
 mod picking;

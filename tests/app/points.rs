@@ -10,16 +10,21 @@ use vdb_core::pack::PackKind;
 
 use super::assets::{app, failure, loaded};
 
-/// A file of points that OpenVDB has written, in a folder of its own.
-fn file(test: &str) -> (PathBuf, PathBuf) {
+/// A file of points that OpenVDB has written.
+pub(super) fn bytes() -> Vec<u8> {
     let packed = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("crates/vdb_core/tests/data/points/shared.vdb.gz");
     let mut bytes = Vec::new();
     GzDecoder::new(std::fs::File::open(packed).unwrap()).read_to_end(&mut bytes).unwrap();
+    bytes
+}
+
+/// The same, in a folder of its own.
+fn file(test: &str) -> (PathBuf, PathBuf) {
     let folder = std::env::temp_dir().join(format!("bevy_vdb_{test}_{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
     let path = folder.join("points.vdb");
-    std::fs::write(&path, bytes).unwrap();
+    std::fs::write(&path, bytes()).unwrap();
     (folder, path)
 }
 

@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use vdb_core::display::escaped;
+
 use super::error::VdbSequenceError;
 
 /// The largest number of digits, so that frame numbers and times are exact in f64.
@@ -26,15 +28,16 @@ pub(super) struct Pattern {
 
 impl Pattern {
     pub fn parse(name: &str) -> Result<Self, VdbSequenceError> {
+        let shown = || escaped(name).to_string();
         let mut places = places(name).into_iter();
         let Some((start, end, digits)) = places.next() else {
-            return Err(VdbSequenceError::NoPlace(name.to_owned()));
+            return Err(VdbSequenceError::NoPlace(shown()));
         };
         if places.next().is_some() {
-            return Err(VdbSequenceError::SeveralPlaces(name.to_owned()));
+            return Err(VdbSequenceError::SeveralPlaces(shown()));
         }
         if digits > MOST_DIGITS {
-            return Err(VdbSequenceError::Place(name.to_owned()));
+            return Err(VdbSequenceError::Place(shown()));
         }
         let (before, after) = (name[..start].to_owned(), name[end..].to_owned());
         Ok(Self { before, digits, after })
@@ -198,6 +201,10 @@ mod tests {
         let digits = "at most 15 digits";
         assert!(problem(&"#".repeat(16)).contains(digits));
         assert!(problem("fire_$F99999999999999999999999.vdb").contains(digits));
+        // A name cannot break a line of the log.
+        for name in ["a\nb.vdb", "a#\nb#.vdb", "\n$F16.vdb"] {
+            assert!(!problem(name).contains('\n'), "{}", problem(name));
+        }
         assert!(has_place("a%d") && !has_place("a%s$E"));
     }
 

@@ -7,7 +7,8 @@ use std::time::Duration;
 use bevy::prelude::*;
 use bevy_vdb::prelude::*;
 
-use super::stage::{FRAME, Stage, file, fog, listen, name, said};
+use super::stage::{FRAME, Stage, file, fog, name};
+use crate::log::{listen, said};
 
 /// The last good frame stays for the time of one that fails, which is told of once.
 #[test]

@@ -4,7 +4,7 @@ use std::collections::HashSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::pin::Pin;
-use std::sync::{Arc, Mutex, Once};
+use std::sync::{Arc, Mutex};
 use std::task::{Context, Poll};
 use std::time::{Duration, Instant};
 
@@ -14,11 +14,6 @@ use bevy::asset::io::{
     AssetReader, AssetReaderError, AssetSourceBuilder, PathStream, Reader, ReaderNotSeekableError,
     SeekableReader,
 };
-use bevy::log::Level;
-use bevy::log::tracing::field::{Field, Visit};
-use bevy::log::tracing::{Event, Subscriber};
-use bevy::log::tracing_subscriber::layer::{self, Layer, SubscriberExt};
-use bevy::log::tracing_subscriber::{Registry, util::SubscriberInitExt};
 use bevy::math::DVec3;
 use bevy::prelude::*;
 use bevy::tasks::futures_lite::AsyncRead;
@@ -291,37 +286,3 @@ pub fn name(number: u64) -> String {
 
 /// The time of a frame at 10 frames per second.
 pub const FRAME: Duration = Duration::from_millis(100);
-
-/// All warnings and errors of this process, from when they are first listened to.
-static SAID: Mutex<Vec<String>> = Mutex::new(Vec::new());
-
-struct Listener;
-
-impl<S: Subscriber> Layer<S> for Listener {
-    fn on_event(&self, event: &Event, _: layer::Context<S>) {
-        struct Message(String);
-        impl Visit for Message {
-            fn record_debug(&mut self, field: &Field, value: &dyn std::fmt::Debug) {
-                if field.name() == "message" {
-                    self.0 = format!("{value:?}");
-                }
-            }
-        }
-        if *event.metadata().level() <= Level::WARN {
-            let mut message = Message(String::new());
-            event.record(&mut message);
-            SAID.lock().unwrap().push(message.0);
-        }
-    }
-}
-
-/// Begins to listen.
-pub fn listen() {
-    static LISTEN: Once = Once::new();
-    LISTEN.call_once(|| Registry::default().with(Listener).init());
-}
-
-/// The warnings and errors with a word in them.
-pub fn said(word: &str) -> Vec<String> {
-    SAID.lock().unwrap().iter().filter(|line| line.contains(word)).cloned().collect()
-}
