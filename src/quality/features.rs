@@ -60,6 +60,7 @@ bitflags! {
         const CLIPPED = 1 << 48;
         const SCATTERED_LIGHT = 1 << 49;
         const TINTED_FOG = 1 << 50;
+        const REFLECTION_HISTORY = 1 << 51;
     }
 }
 
@@ -108,7 +109,7 @@ impl Feature {
 }
 
 /// All features, in the order of reports.
-pub(crate) const FEATURES: [Feature; 51] = [
+pub(crate) const FEATURES: [Feature; 52] = [
     row(Features::VOXELS, &["VDB_SURFACES"], "voxels", "a surface is shown voxel by voxel")
         .without_grids(),
     row(Features::SMOOTH, &["VDB_SMOOTH"], "smooth surfaces", "a surface is shown between samples")
@@ -358,6 +359,12 @@ pub(crate) const FEATURES: [Feature; 51] = [
         &["VDB_VARYING_ALBEDO"],
         "tinted fog",
         "with scattered light, the base_color of a fog is not grey",
+    ),
+    row(
+        Features::REFLECTION_HISTORY,
+        &["VDB_REFLECTION_HISTORY"],
+        "reflections of earlier frames",
+        "reflections are denoised, frames are not accumulated, and the device has a storage texture to spare",
     ),
 ];
 

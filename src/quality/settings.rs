@@ -44,10 +44,13 @@ pub struct VdbQuality {
     /// On by default. Only for cameras with `Hdr` or without tonemapping, because the targets of
     /// other cameras do not hold radiance.
     pub mesh_reflections: bool,
-    /// Whether grain is removed within each frame. On by default, except in [`EXACT`](Self::EXACT).
+    /// Whether grain is removed. On by default, except in [`EXACT`](Self::EXACT).
     ///
     /// Reflections in rough surfaces are smoothed by a filter that follows the blur of the surface
-    /// itself; this requires [`reflections`](Self::reflections) and takes 40 bytes per ray. From the
+    /// itself, and averaged over up to 32 frames, or two while lights, volumes or meshes change. This
+    /// requires [`reflections`](Self::reflections) and takes 72 bytes per ray. Without the mean over
+    /// frames, it takes 32: with [`accumulate`](Self::accumulate), which averages whole frames, and
+    /// with motion vectors on devices that have only four storage textures per shader stage. From the
     /// opaque meshes that a camera sees, the grain of fog's shadows is subtracted, which takes 20 bytes
     /// per pixel and copies of the shadow maps (64 MiB for a sun with Bevy's defaults).
     pub denoise: bool,

@@ -9,7 +9,7 @@ use bevy::render::{Render, RenderApp, RenderSystems};
 
 use super::accumulate::{AccumulateView, Accumulated, Mean};
 use super::composite::CompositeView;
-use super::denoise::DenoiseView;
+use super::denoise::{DenoiseView, HistoryView};
 use super::fog_shadows::{SMOOTHED, SmoothedViews};
 use super::light_cache::{LightCache, LightCacheView};
 use super::scattered_light::{ScatteredLight, ScatteredLightView};
@@ -41,7 +41,7 @@ type ViewData<'a> = (
     &'a ViewState,
     &'a ViewPicture,
     (&'a LightCacheView, &'a ScatteredLightView, &'a TraceView, &'a EdgesView),
-    (&'a DenoiseView, &'a UpscaleView),
+    LaterPasses<'a>,
     &'a AccumulateView,
     &'a CompositeView,
 );
@@ -71,6 +71,9 @@ fn report(
     diagnostics.set(reports);
 }
 
+/// The passes between the trace and the mean of frames.
+type LaterPasses<'a> = (&'a HistoryView, &'a DenoiseView, &'a UpscaleView);
+
 /// The resources that shadows of volumes on meshes use.
 struct OnMeshes<'a> {
     casts: bool,
@@ -81,20 +84,12 @@ struct OnMeshes<'a> {
 }
 
 fn of_view(
-    (
-        camera,
-        state,
-        picture,
-        (light, solve, trace, edges),
-        (denoise, upscale),
-        accumulate,
-        composite,
-    ): (
+    (camera, state, picture, (light, solve, trace, edges), later, accumulate, composite): (
         &MainEntity,
         &ViewState,
         &ViewPicture,
         (&LightCacheView, &ScatteredLightView, &TraceView, &EdgesView),
-        (&DenoiseView, &UpscaleView),
+        LaterPasses,
         &AccumulateView,
         &CompositeView,
     ),
@@ -129,7 +124,7 @@ fn of_view(
             buffers.add("vdb_velocity_means", means, why);
         }
     }
-    buffers.add_later(trace, denoise, upscale);
+    buffers.add_later(trace, later);
     if let Some(mean) = accumulate.accumulated.as_ref().and_then(Accumulated::mean) {
         buffers.add_mean(mean);
     }
@@ -140,13 +135,7 @@ fn of_view(
         frames,
         is_compiling: !prepared.is_ready || prepared.is_fallback,
         features: features(prepared),
-        passes: passes(
-            &on_meshes,
-            (light, solve, trace, edges),
-            (denoise, upscale),
-            frames,
-            composite,
-        ),
+        passes: passes(&on_meshes, (light, solve, trace, edges), later, frames, composite),
         buffers: buffers.0,
     };
     Some((camera.id(), report))
@@ -164,7 +153,7 @@ const EDGES: &str = "VdbQuality::edge_samples is more than 0, and a surface is i
 fn passes(
     on_meshes: &OnMeshes,
     (light, solve, trace, edges): (&LightCacheView, &ScatteredLightView, &TraceView, &EdgesView),
-    (denoise, upscale): (&DenoiseView, &UpscaleView),
+    (_, denoise, upscale): LaterPasses,
     frames: u32,
     composite: &CompositeView,
 ) -> Vec<VdbPassReport> {
@@ -267,11 +256,19 @@ impl Buffers {
     }
 
     /// What the passes between the trace and the mean of frames write.
-    fn add_later(&mut self, trace: &TraceView, denoise: &DenoiseView, upscale: &UpscaleView) {
+    fn add_later(&mut self, trace: &TraceView, (history, denoise, upscale): LaterPasses) {
         if let (Some(reflections), Some(outputs)) = (&trace.reflections, &denoise.outputs) {
             let why = "reflections in rough surfaces are denoised";
             self.push("vdb_reflections", bytes(reflections), why);
             self.push("vdb_denoised", outputs.iter().map(bytes).sum(), why);
+        }
+        if let Some(means) = history.means() {
+            let why = "reflections are averaged over frames";
+            self.push("vdb_reflection_means", means.into_iter().map(bytes).sum(), why);
+        }
+        if let Some(firsts) = &trace.first_reflections {
+            let why = "reflections are averaged over frames";
+            self.push("vdb_first_reflections", bytes(firsts), why);
         }
         if let Some(upscaled) = &upscale.picture {
             let why = "there are fewer rays than pixels";

@@ -344,6 +344,13 @@ impl Stage {
         self.read(target)
     }
 
+    /// What the next frame shows, with the pipelines that are there.
+    pub fn next_picture(&mut self, target: &Handle<Image>) -> Picture {
+        self.update(1);
+        self.wait();
+        self.read(target)
+    }
+
     /// What the last frame has left in an image.
     fn read(&self, target: &Handle<Image>) -> Picture {
         let render = self.app.sub_app(bevy::render::RenderApp).world();

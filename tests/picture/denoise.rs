@@ -50,7 +50,7 @@ fn scene(stage: &mut Stage, floor: f32, ball: f32) -> (Handle<Image>, Entity) {
     (target, camera)
 }
 
-/// What a camera shows: in one frame, or as the mean of many.
+/// What a camera shows: after a few frames, or as the mean of many.
 fn shown(
     stage: &mut Stage,
     (target, camera): &(Handle<Image>, Entity),
@@ -98,7 +98,7 @@ fn check_grain(roughnesses: &[f32], accumulate: u32, reflections: u32) {
     }
 }
 
-/// Denoising brings a single frame closer to the mean of many frames.
+/// After a few frames, denoised reflections are closer to the mean of many than a single frame is.
 #[gpu_test]
 #[ignore = "slow: means of many frames"]
 fn reflections_are_smoother() {
@@ -111,7 +111,7 @@ fn reflections_are_smoother_whatever_the_roughness() {
     check_grain(&[0.2, 0.6], 64, 2);
 }
 
-/// While the camera moves by half a pixel, single frames change little more than means of many do.
+/// While the camera moves by half a pixel, frames change little more than means of many do.
 #[gpu_test]
 #[ignore = "slow: means of many frames"]
 fn denoised_reflections_do_not_flicker() {
@@ -119,19 +119,112 @@ fn denoised_reflections_do_not_flicker() {
     for roughness in [0.2, 0.5] {
         stage.clear();
         let view = scene(&mut stage, roughness, roughness);
-        let on = VdbQuality { reflections: 2, ..default() };
-        let off = VdbQuality { denoise: false, ..on };
-        let many = VdbQuality { accumulate: 64, ..off };
-        let [before, after] = [0.0, 0.025].map(|x| {
-            let eye = looking(Vec3::new(0.5 + x, 3.0, 7.0));
-            stage.world().entity_mut(view.1).insert(eye);
-            [off, on, many].map(|quality| shown(&mut stage, &view, quality))
+        let eye = |x: f32| looking(Vec3::new(0.5 + x, 3.0, 7.0));
+        let means = [0.0, 0.025].map(|x| {
+            stage.world().entity_mut(view.1).insert(eye(x));
+            shown(&mut stage, &view, MANY)
         });
-        let [single, denoised, means] = [0, 1, 2].map(|i| mean(&flip(&before[i], &after[i])));
-        println!(
-            "{roughness}: FLIP between frames {single:.4}, denoised {denoised:.4}, of means {means:.4}"
-        );
-        assert!(denoised < 1.5 * means, "{roughness}: {denoised} instead of {means}");
+        shown(&mut stage, &view, ON);
+        stage.update(20);
+        let frames = [0.05, 0.025].map(|x| {
+            stage.world().entity_mut(view.1).insert(eye(x));
+            stage.next_picture(&view.0)
+        });
+        let [frames, means] = [frames, means].map(|[a, b]| mean(&flip(&a, &b)));
+        println!("{roughness}: FLIP between frames {frames:.4}, of means {means:.4}");
+        assert!(frames < 1.5 * means, "{roughness}: {frames} instead of {means}");
+    }
+}
+
+const ON: VdbQuality = VdbQuality { reflections: 2, ..VdbQuality::HIGH };
+const MANY: VdbQuality = VdbQuality { denoise: false, accumulate: 64, ..ON };
+
+/// The first frame with some settings, when their pipelines are there.
+fn first_frame(
+    stage: &mut Stage,
+    (target, camera): &(Handle<Image>, Entity),
+    quality: VdbQuality,
+) -> Picture {
+    for quality in [quality, VdbQuality { denoise: false, ..quality }] {
+        stage.world().entity_mut(*camera).insert(quality);
+        stage.picture(target);
+    }
+    stage.world().entity_mut(*camera).insert(quality);
+    stage.next_picture(target)
+}
+
+/// While nothing changes, reflections approach the mean of many frames, and hardly change any more. A camera that moves
+/// sees what one that has just arrived sees, with less grain.
+#[gpu_test]
+#[ignore = "slow: the mean of many frames"]
+fn reflections_approach_their_mean_and_follow_a_camera() {
+    let mut stage = Stage::new();
+    let view = scene(&mut stage, 0.2, 0.2);
+    let counts = dark(&shown(&mut stage, &view, VdbQuality { reflections: 0, ..ON }));
+    let expected = shown(&mut stage, &view, VdbQuality { accumulate: 256, ..MANY });
+    let first = first_frame(&mut stage, &view, ON);
+    stage.update(40);
+    let last = [(); 2].map(|()| stage.next_picture(&view.0));
+    first.save("history_first");
+    last[0].save("history_last");
+    let [first, later] = [&first, &last[0]].map(|picture| error(picture, &expected, &counts));
+    let flicker = error(&last[0], &last[1], &counts);
+    println!("{first:.4}, later {later:.4}; from frame to frame {flicker:.4}");
+    assert!(later < 0.4 * first, "{later} instead of {first}");
+    assert!(flicker < 0.1 * first, "{flicker} from frame to frame");
+    for axis in [Vec3::X, Vec3::Y, Vec3::Z] {
+        let mut moving = None;
+        for step in (0..24_i16).rev() {
+            let eye = Vec3::new(0.5, 3.0, 7.0) - 0.04 * f32::from(step) * axis;
+            stage.world().entity_mut(view.1).insert(looking(eye));
+            moving = Some(stage.next_picture(&view.0));
+        }
+        let moving = moving.expect("a picture of every step");
+        moving.save(&format!("history_moving_{axis}"));
+        let moving = error(&moving, &expected, &counts);
+        println!("moving along {axis}: {moving:.4}");
+        assert!(moving < 0.8 * first, "{axis}: {moving} instead of {first}");
+    }
+}
+
+/// What is reflected may change its colour, move, vanish, or show another grid: a few frames later, its reflection has
+/// changed as well.
+#[gpu_test]
+#[ignore = "slow: means of many frames"]
+fn a_changed_scene_is_soon_reflected() {
+    let mut stage = Stage::new();
+    for change in ["colour", "place", "presence", "grid"] {
+        stage.clear();
+        let other = stage.grid(level_set::sphere(DVec3::ZERO, 4.0), SMOOTH, 0.1);
+        let view = scene(&mut stage, 0.35, 0.35);
+        shown(&mut stage, &view, ON);
+        stage.update(20);
+        let before = stage.next_picture(&view.0);
+        let mut all = stage.world().query::<(Entity, &VdbMaterial)>();
+        let is_post =
+            |(entity, own): (Entity, &VdbMaterial)| (own.emissive.red > 0.5).then_some(entity);
+        let post = all.iter(stage.world()).find_map(is_post).expect("a post that shines");
+        let mut post = stage.world().entity_mut(post);
+        match change {
+            "colour" => {
+                post.insert(glow(LinearRgba::rgb(0.1, 0.2, 1.0)));
+            }
+            "place" => {
+                post.insert(Transform::from_xyz(-1.0, 0.0, 1.0));
+            }
+            "grid" => {
+                post.insert(VdbVolume(other.clone()));
+            }
+            _ => post.despawn(),
+        }
+        stage.update(4);
+        let soon = stage.next_picture(&view.0);
+        soon.save(&format!("history_{change}_soon"));
+        let counts = dark(&shown(&mut stage, &view, VdbQuality { reflections: 0, ..ON }));
+        let expected = shown(&mut stage, &view, MANY);
+        let [before, soon] = [&before, &soon].map(|picture| error(picture, &expected, &counts));
+        println!("{change}: {before:.4} before, {soon:.4} soon");
+        assert!(soon < 0.35 * before, "{change}: {soon} instead of {before}");
     }
 }
 
@@ -154,13 +247,13 @@ fn mirrors_and_what_is_not_reflected_stay() {
     assert!(differ.iter().all(ball), "{:?}", differ.iter().find(|at| !ball(at)));
 }
 
-/// The example, in one frame with anti-aliasing, beside the mean of 64. `VDB_GLOSSY_SIZE=1920x1080` shows it larger,
-/// beside the mean of 256.
+/// The example with anti-aliasing, in its first frame and later, beside the mean of 64. `VDB_GLOSSY_SIZE=1920x1080`
+/// shows it larger, beside the mean of 256.
 #[gpu_test]
 #[ignore = "slow: means of hundreds of frames"]
 fn the_glossy_example_has_no_visible_grain() {
     let asked = std::env::var("VDB_GLOSSY_SIZE");
-    let accumulate = if asked.is_ok() { 256 } else { 64 };
+    let (accumulate, updates) = if asked.is_ok() { (256, 40) } else { (64, 24) };
     let asked = asked.unwrap_or("240x135".into());
     let (x, y) = asked.split_once('x').unwrap();
     let size = UVec2::new(x.parse().unwrap(), y.parse().unwrap());
@@ -182,13 +275,23 @@ fn the_glossy_example_has_no_visible_grain() {
     let single = VdbQuality { denoise: false, edge_samples: 0, ..on };
     let expected = shown(&mut stage, &view, VdbQuality { accumulate, ..single });
     expected.save("glossy_mean");
-    let ways =
-        [("single", single), ("edges", VdbQuality { denoise: false, ..on }), ("denoised", on)];
-    let [single, edges, denoised] = ways.map(|(name, quality)| {
+    let edges = VdbQuality { denoise: false, ..on };
+    let [single, edges] = [("single", single), ("edges", edges)].map(|(name, quality)| {
         let picture = shown(&mut stage, &view, quality);
         picture.save(&format!("glossy_{name}"));
         mean(&flip(&picture, &expected))
     });
-    println!("glossy, {size}: FLIP {single:.4}, rays on edges {edges:.4}, denoised {denoised:.4}");
-    assert!(denoised < 0.7 * single, "{denoised} instead of {single}");
+    let first = first_frame(&mut stage, &view, on);
+    stage.update(updates);
+    let later = stage.next_picture(&view.0);
+    let [first, later] = [("first", first), ("later", later)].map(|(name, picture)| {
+        picture.save(&format!("glossy_{name}"));
+        mean(&flip(&picture, &expected))
+    });
+    println!(
+        "glossy, {size}: FLIP {single:.4}, rays on edges {edges:.4}, denoised {first:.4}, {} frames later {later:.4}",
+        updates + 1
+    );
+    assert!(first < 0.7 * single, "{first} instead of {single}");
+    assert!(later < 0.9 * first, "{later} instead of {first}");
 }

@@ -195,6 +195,10 @@ struct View {
     // Unit normals on the side that is kept, world space, and the distance of the view's eye on that side.
     clip_planes: array<vec4<f32>, MAX_CLIP_PLANES>,
     scattered: array<ScatteredLattice, MAX_SCATTERED_LIGHTS>,
+    // From the clip space of this frame to that of the previous one, without jitter.
+    then_from_now: mat4x4<f32>,
+    reflection_frame: u32,      // as `frame`, for reflections of the first ray of a pixel; counts every frame
+    max_history_frames: u32,    // largest number of frames in the mean of a reflection, with this one
 }
 
 // Where the opacity map of a fog is, as one light sees it, in the texture of all of them (`shadow_maps/opacity.wgsl`).

@@ -33,6 +33,11 @@
 #import bevy_vdb::trace::reflection::{FARTHEST, PathReflection, add_reflected, begin_reflection, continue_reflection}
 #import bevy_vdb::trace::reflection::{final_blur, is_sharp}
 #import bevy_vdb::view::reflection::Reflection
+#ifdef VDB_REFLECTION_HISTORY
+#import bevy_pbr::lighting::perceptualRoughnessToRoughness
+#import bevy_vdb::trace::shade::is_mirror
+#import bevy_vdb::view::reflection::FirstReflection
+#endif
 #endif
 #ifdef VDB_MESH_REFLECTIONS
 #import bevy_vdb::trace::mesh_reflections::reflected_mesh
@@ -106,6 +111,9 @@ struct PathResult {
 #ifdef VDB_DENOISE
     reflection: Reflection, // in the first surface, if it is rough
 #endif
+#ifdef VDB_REFLECTION_HISTORY
+    first: FirstReflection,
+#endif
 }
 
 fn nothing_met() -> PathResult {
@@ -119,6 +127,16 @@ fn nothing_met() -> PathResult {
 #ifdef VDB_REFLECTIONS
 // More than the bounces of a path: `VdbQuality::reflections` is at most 16.
 const MAX_BOUNCES: u32 = 17u;
+
+// The number of the frame for the random directions of reflections. Only the first ray of a pixel is averaged over
+// frames; the others keep their noise unless frames are accumulated or jittered.
+fn frame_of(ray: u32) -> u32 {
+#ifdef VDB_REFLECTION_HISTORY
+    return select(view.frame, view.reflection_frame, ray == 0u);
+#else
+    return view.frame;
+#endif
+}
 
 // A number in [0, 1) that is evenly distributed among neighbouring pixels, another one for each bounce.
 fn bounce_noise(pixel: vec2<u32>, bounce: u32) -> f32 {
@@ -167,6 +185,10 @@ fn through_distance_fog(
     if first_surface.found {
         let surface_color = seen.color - fog_color;
         let coverage = seen.coverage - fog_layer.coverage;
+#ifdef VDB_REFLECTION_HISTORY
+        let direct = seen.first.direct - fog_color;
+        result.first.direct = result.color + with_distance_fog(direct, coverage, primary, first_surface.t, pixel);
+#endif
         result.color += with_distance_fog(surface_color, coverage, primary, first_surface.t, pixel);
 #ifdef VDB_DENOISE
         let reflectance = seen.reflection.reflectance;
@@ -287,12 +309,18 @@ fn trace_path(primary: Segment, pixel: vec2<u32>, ray: u32, t_end: f32) -> PathR
 #ifdef VDB_REFLECTIONS
         // Less than the step of 16-bit floats near 1.
         if bounce < view.reflections && max(max(throughput.x, throughput.y), throughput.z) > 1.0 / 4096.0 {
-            let pair = random_pair(pixel, ray * MAX_BOUNCES + bounce);
+            let pair = random_pair(pixel, ray * MAX_BOUNCES + bounce, frame_of(ray));
             let direction = sample_reflection(roughness, normal, to_viewer, pair);
 #ifdef VDB_DENOISE
+            let mirrored = reflect(-to_viewer, normal);
             if is_sharp(reflection, primary, first_surface.t) {
-                let mirrored = reflect(-to_viewer, normal);
                 begin_reflection(&reflection, result.color, roughness, mirrored, throughput);
+            }
+#endif
+#ifdef VDB_REFLECTION_HISTORY
+            if result.first.alpha == 0.0 && !is_mirror(roughness) {
+                let alpha = perceptualRoughnessToRoughness(roughness);
+                result.first = FirstReflection(result.color, mirrored, alpha);
             }
 #endif
             segment = Segment(point, direction, false, 0.0);
@@ -314,10 +342,16 @@ fn trace_path(primary: Segment, pixel: vec2<u32>, ray: u32, t_end: f32) -> PathR
     result.reflection = ended_reflection(reflection, result.color, miss_radiance, primary, first_surface.t);
 #endif
     result.color *= view.exposure;
+#ifdef VDB_REFLECTION_HISTORY
+    result.first.direct *= view.exposure;
+#endif
 #ifdef DISTANCE_FOG
     result = through_distance_fog(result, fog_layer, first_surface, primary, pixel);
 #endif
     result.color = with_borders(result.color, primary, first_surface);
+#ifdef VDB_REFLECTION_HISTORY
+    result.first.direct = with_borders(result.first.direct, primary, first_surface);
+#endif
     return result;
 }
 #else ifdef VDB_SHOW_MAXIMUM

@@ -11,6 +11,9 @@
 #ifdef VDB_DENOISE
 #import bevy_vdb::view::reflection::encoded_reflection
 #endif
+#ifdef VDB_REFLECTION_HISTORY
+#import bevy_vdb::view::reflection::encoded_first
+#endif
 
 @group(2) @binding(7) var out_color: texture_storage_2d<rgba16float, write>;
 @group(2) @binding(8) var out_depth: texture_storage_2d<r32float, write>;
@@ -24,6 +27,9 @@
 #ifdef VDB_DENOISE
 @group(2) @binding(19) var out_reflection: texture_storage_2d<rgba32uint, write>;
 #endif
+#ifdef VDB_REFLECTION_HISTORY
+@group(2) @binding(24) var out_first: texture_storage_2d<rg32uint, write>;
+#endif
 
 // The ray through a point of the picture: through the middle of a pixel, plus an offset in pixels.
 fn view_ray(pixel: vec2<u32>, offset: vec2<f32>) -> Segment {
@@ -35,6 +41,9 @@ fn store(pixel: vec2<u32>, result: PathResult) {
     textureStore(out_depth, pixel, vec4(result.depth, 0.0, 0.0, 0.0));
 #ifdef VDB_DENOISE
     textureStore(out_reflection, pixel, encoded_reflection(result.reflection));
+#endif
+#ifdef VDB_REFLECTION_HISTORY
+    textureStore(out_first, pixel, vec4(encoded_first(result.first), 0u, 0u));
 #endif
 #ifdef VDB_MOTION_VECTORS
     let motion_volume = select(result.motion_volume - view.volume_first, NONE, result.motion_volume == NONE);

@@ -43,7 +43,7 @@ fn soft_transmittance(at: ShadingPoint, point: Point, to_sun: vec3<f32>, tangent
     let helper = select(vec3(1.0, 0.0, 0.0), vec3(0.0, 1.0, 0.0), abs(to_sun.x) > 0.5);
     let right = normalize(cross(helper, to_sun));
     let up = cross(to_sun, right);
-    let random = random_pair(vec2<u32>(at.coord), SUN_DIMENSION);
+    let random = random_pair(vec2<u32>(at.coord), SUN_DIMENSION, view.frame);
     let rotation = 2.0 * PI * random.x;
     var sum = 0.0;
     for (var k = 0u; k < samples; k++) {

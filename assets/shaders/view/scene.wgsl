@@ -54,7 +54,11 @@ fn fog_grid(volume: u32) -> Grid {
 // A number in [0, 1) that is evenly distributed over accumulated or jittered frames: the fractional part of
 // a multiple of an irrational number. For other frames it is 0.
 fn frame_random(irrational: f32) -> f32 {
-    return fract(f32(view.frame & 4095u) * irrational);
+    return random_of(view.frame, irrational);
+}
+
+fn random_of(frame: u32, irrational: f32) -> f32 {
+    return fract(f32(frame & 4095u) * irrational);
 }
 
 // A number in [0, 1) that is evenly distributed among neighbouring pixels: Jimenez's interleaved gradient
@@ -78,14 +82,14 @@ fn hilbert_index(pixel: vec2<u32>) -> u32 {
 }
 
 // Two numbers in [0, 1) that are evenly distributed over a square among neighbouring pixels and, in another way,
-// over accumulated or jittered frames: the R2 sequence (Roberts 2018, "The unreasonable effectiveness of
+// over frames: the R2 sequence (Roberts 2018, "The unreasonable effectiveness of
 // quasirandom sequences") along a Hilbert curve, whose neighbours are neighbours in the image, too. `dimension` tells
 // apart what a pixel needs several pairs for.
-fn random_pair(pixel: vec2<u32>, dimension: u32) -> vec2<f32> {
+fn random_pair(pixel: vec2<u32>, dimension: u32, frame: u32) -> vec2<f32> {
     let index = hilbert_index(pixel) + 4096u * dimension;
     // In units of 2^-32, whose sums wrap as fractions do.
     let sequence = vec2<f32>((index * vec2(3242174889u, 2447445414u)) >> vec2(8u)) / 16777216.0;
-    return fract(sequence + vec2(frame_random(0.41421356), frame_random(0.73205081)));
+    return fract(sequence + vec2(random_of(frame, 0.41421356), random_of(frame, 0.73205081)));
 }
 
 // One past the last volume in the view.

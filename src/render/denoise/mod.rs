@@ -1,5 +1,7 @@
-//! Denoising: smooths what rough surfaces reflect, before anything else is made of the traced image. Otherwise
-//! grain would pass for edges.
+//! Denoising: averages what rough surfaces reflect, over neighbouring pixels and then over frames, before anything
+//! else is made of the traced image. Otherwise grain would pass for edges.
+
+mod history;
 
 use bevy::core_pipeline::schedule::Core3d;
 use bevy::prelude::*;
@@ -22,6 +24,7 @@ use super::view::{
     VdbSystems, ViewPicture, ViewState, VisibleVolumes, add_picture_pass, run_picture_pass,
 };
 use crate::quality::features::Features;
+pub(super) use history::HistoryView;
 
 /// Denoises reflections, in views with rough surfaces.
 pub(super) struct DenoisePlugin;
@@ -30,12 +33,14 @@ impl Plugin for DenoisePlugin {
     fn build(&self, app: &mut App) {
         let Some(render_app) = app.get_sub_app_mut(RenderApp) else { return };
         render_app.world_mut().register_required_components::<VisibleVolumes, DenoiseView>();
+        render_app.world_mut().register_required_components::<VisibleVolumes, HistoryView>();
         add_picture_pass::<DenoisePass>(render_app);
         render_app
             .add_systems(RenderStartup, init)
             .add_systems(
                 Render,
                 (
+                    history::begin_frame.in_set(PrepareViews::Adjust),
                     prepare.in_set(PrepareViews::Denoise),
                     bind.in_set(RenderSystems::PrepareBindGroups),
                 ),
@@ -82,8 +87,8 @@ fn init(mut commands: Commands, device: Res<RenderDevice>) {
 #[derive(Component, Default)]
 pub(super) struct DenoiseView {
     pipeline: Option<CachedComputePipelineId>,
-    /// The output of each dispatch; the last one is the image.
-    pub outputs: Option<[CachedTexture; ITERATIONS]>,
+    /// The dispatches write them alternately; the last one writes the image into the first.
+    pub outputs: Option<[CachedTexture; 2]>,
     bind_groups: Option<[BindGroup; ITERATIONS]>,
 }
 
@@ -100,8 +105,9 @@ impl PicturePass for DenoisePass {
     const LABEL: &'static str = "vdb_denoise";
     const ENTRY_POINT: &'static str = "denoise";
     const FEATURE: Features = Features::DENOISED;
-    const DEPENDS_ON: Features = Features::DENOISED.union(Features::ACCUMULATED);
-    const OPTION: Features = Features::empty();
+    const DEPENDS_ON: Features =
+        Features::DENOISED.union(Features::ACCUMULATED).union(Features::REFLECTION_HISTORY);
+    const OPTION: Features = Features::REFLECTION_HISTORY;
 
     fn shader(shaders: &Shaders) -> &Handle<Shader> {
         &shaders.denoise
@@ -111,8 +117,8 @@ impl PicturePass for DenoisePass {
         prepared.size()
     }
 
-    fn entries(_multisampled: bool, _option: bool) -> DynamicBindGroupLayoutEntries {
-        DynamicBindGroupLayoutEntries::sequential(
+    fn entries(_multisampled: bool, has_history: bool) -> DynamicBindGroupLayoutEntries {
+        let entries = DynamicBindGroupLayoutEntries::sequential(
             ShaderStages::COMPUTE,
             (
                 uniform_buffer_sized(false, None),
@@ -122,7 +128,17 @@ impl PicturePass for DenoisePass {
                 read(),
                 write(TextureFormat::Rgba16Float),
             ),
-        )
+        );
+        if has_history {
+            entries.extend_with_indices((
+                (6, read()),
+                (7, texture_2d(TextureSampleType::Uint)),
+                (8, texture_2d(TextureSampleType::Uint)),
+                (9, write(TextureFormat::Rgba32Uint)),
+            ))
+        } else {
+            entries
+        }
     }
 }
 
@@ -145,9 +161,8 @@ fn prepare(
             let format = TextureFormat::Rgba16Float;
             textures.get(&device, picture_texture(label, format, prepared.size()))
         };
-        let outputs =
-            ["vdb_reflections_1", "vdb_reflections_2", "vdb_color_denoised"].map(&mut texture);
-        let denoised = Picture { color: outputs[ITERATIONS - 1].clone(), ..traced };
+        let outputs = ["vdb_color_denoised", "vdb_reflections_denoised"].map(&mut texture);
+        let denoised = Picture { color: outputs[(ITERATIONS - 1) % 2].clone(), ..traced };
         own.outputs = Some(outputs);
         picture.rays = Some(denoised.clone());
         picture.shown = Some(denoised);
@@ -155,30 +170,42 @@ fn prepare(
 }
 
 fn bind(
-    mut views: Query<(&ViewState, &TraceView, &mut DenoiseView, &ViewPicture)>,
+    mut views: Query<(&ViewState, &TraceView, &HistoryView, &mut DenoiseView, &ViewPicture)>,
     iterations: Res<Iterations>,
     pipeline: Res<PicturePipeline<DenoisePass>>,
     cache: Res<PipelineCache>,
     device: Res<RenderDevice>,
 ) {
-    for (view, trace, mut own, picture) in &mut views {
+    for (view, trace, history, mut own, picture) in &mut views {
         let (Some((prepared, uniform)), Some(traced), Some(reflections), Some(outputs)) =
             (view.prepared(), &picture.traced, &trace.reflections, &own.outputs)
         else {
             continue;
         };
+        let history = trace.first_reflections.as_ref().zip(history.means());
+        if prepared.key.has(Features::REFLECTION_HISTORY) && history.is_none() {
+            continue;
+        }
         let layout = cache.get_bind_group_layout(pipeline.layout(prepared.key.features));
         let groups = std::array::from_fn(|i| {
             // The first dispatch reads no other's output.
-            let before = if i == 0 { &traced.color } else { &outputs[i - 1] };
-            let entries = DynamicBindGroupEntries::sequential((
+            let before = if i == 0 { &traced.color } else { &outputs[(i - 1) % 2] };
+            let mut entries = DynamicBindGroupEntries::sequential((
                 uniform.as_entire_binding(),
                 iterations.0[i].as_entire_binding(),
                 &traced.color.default_view,
                 &reflections.default_view,
                 &before.default_view,
-                &outputs[i].default_view,
+                &outputs[i % 2].default_view,
             ));
+            if let Some((firsts, [before, now])) = history {
+                entries = entries.extend_with_indices((
+                    (6, &traced.depth.default_view),
+                    (7, &firsts.default_view),
+                    (8, &before.default_view),
+                    (9, &now.default_view),
+                ));
+            }
             device.create_bind_group(DenoisePass::LABEL, &layout, &entries)
         });
         own.bind_groups = Some(groups);

@@ -1,5 +1,5 @@
 //! Detection of changes in the scene that the data prepared for a view does not contain: grids,
-//! lights, and meshes that cast shadows. Runs only while a camera accumulates frames.
+//! lights, and meshes that cast shadows. Runs only while a camera averages frames or reflections.
 
 use bevy::asset::AssetEvent;
 use bevy::ecs::entity::EntityHashMap;
@@ -113,7 +113,10 @@ pub(crate) fn extract_changes(
     let lamps_gone = points.read().count() + spots.read().count() + panes.read().count();
     let lights_gone = suns.read().count() + lamps_gone;
     let meshes_gone = shapes.read().count();
-    if !scene.qualities.iter().any(|quality| quality.accumulate > 1) {
+    let averages = |quality: &VdbQuality| {
+        quality.accumulate > 1 || (quality.denoise && quality.reflections > 0)
+    };
+    if !scene.qualities.iter().any(averages) {
         known.0.clear();
         return;
     }

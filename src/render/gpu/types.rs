@@ -160,6 +160,10 @@ pub(crate) struct View {
     pub fire_lights: [[u32; 4]; MAX_FIRE_LIGHTS / 4],
     pub clip_planes: [[f32; 4]; MAX_CLIP_PLANES],
     pub scattered: [ScatteredLattice; MAX_SCATTERED_LIGHTS],
+    pub then_from_now: [[f32; 4]; 4],
+    pub reflection_frame: u32,
+    pub max_history_frames: u32,
+    pub padding: [u32; 2],
 }
 
 /// The rectangle of the traced image in the target.
@@ -271,7 +275,7 @@ mod tests {
             has_tile_starts, picture, shadow_range, reflection_range, suns, disks, random_offset,
             frame, jitter, max_frames, cached_sun_count, edge_samples, fire_light_count, cached_suns,
             light_texel, cached_lamp_count, cached_lamps, fire_lights, clip_planes,
-            scattered);
+            scattered, then_from_now, reflection_frame, max_history_frames);
         let map = fields!(OpacityMap: origin, size, first_texel, spacing, t_first, t_last);
         check(&module, "OpacityMap", size_of::<OpacityMap>(), &map);
         let lattice = fields!(ScatteredLattice: x, y, z, size, first, scale, channels);

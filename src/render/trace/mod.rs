@@ -181,6 +181,10 @@ fn prepare(
             .key
             .has(Features::DENOISED)
             .then(|| texture("vdb_reflections", TextureFormat::Rgba32Uint));
+        own.first_reflections = prepared
+            .key
+            .has(Features::REFLECTION_HISTORY)
+            .then(|| texture("vdb_first_reflections", TextureFormat::Rg32Uint));
         let traced = Picture {
             color: texture("vdb_color", TextureFormat::Rgba16Float),
             depth: texture("vdb_depth", TextureFormat::R32Float),

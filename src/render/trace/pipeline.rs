@@ -48,6 +48,9 @@ impl TracePipeline {
         if has(Features::DENOISED) {
             entries = entries.extend_with_indices(((19, write(TextureFormat::Rgba32Uint)),));
         }
+        if has(Features::REFLECTION_HISTORY) {
+            entries = entries.extend_with_indices(((24, write(TextureFormat::Rg32Uint)),));
+        }
         if has(Features::BLACKBODY) {
             entries = entries.extend_with_indices(((11, read()),));
         }

@@ -15,6 +15,9 @@ pub(in crate::render) struct TraceView {
     pub tiles: Option<Buffer>,
     /// What rough surfaces reflect, in views that denoise it.
     pub reflections: Option<CachedTexture>,
+    /// What each ray shows without its first reflection in a rough surface, and the direction of that
+    /// reflection, in views that average reflections over frames.
+    pub first_reflections: Option<CachedTexture>,
     pub(super) bind_groups: Option<BindGroups>,
     /// The light that lamps scatter towards the eye, in views that interpolate it.
     pub lamp_light: Option<LampLightView>,

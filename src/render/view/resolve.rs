@@ -125,7 +125,7 @@ impl Resolver<'_, '_> {
         let list =
             ViewList::new(maker, ids.each_ref().map(Vec::as_slice), shown, &mut self.warned)?;
         let is_full = self.light_cache.is_full;
-        let mut key = view_key(of, &settings, &list, many, is_full, &self.pool);
+        let mut key = view_key(of, &settings, &list, many, is_full, (&self.pool, &self.device));
         key.cached_suns = key.has(Features::LIGHT_CACHE).then(|| self.lights.cached_suns());
         let asked = of.state.pipelines.key_for(key, settings.lights_present);
         Some(ResolvedView {
@@ -253,7 +253,7 @@ fn view_key(
     list: &ViewList,
     many: bool,
     is_cache_full: bool,
-    pool: &VdbTreePool,
+    (pool, device): (&VdbTreePool, &RenderDevice),
 ) -> ViewKey {
     let ResolvedSettings { camera, quality, .. } = settings;
     let fog = list.kinds.has([types::KIND_FOG]) && settings.shows_fog();
@@ -281,6 +281,11 @@ fn view_key(
     let [on_surfaces, in_fog] = list.materials;
     let on_surfaces = if settings.is_lit() { on_surfaces } else { 0 };
     let in_fog = if fog || settings.is_lit() { in_fog } else { 0 };
+    let denoised = settings.reflections > 0 && quality.denoise && list.rough;
+    // With a history, the trace writes four storage textures, the minimum that WebGPU guarantees; motion vectors take
+    // a fifth.
+    let most_textures = device.limits().max_storage_textures_per_shader_stage;
+    let can_remember = !settings.accumulates && (!motion_vectors || most_textures >= 5);
     let features = lights
         | Features::LAMP_LIGHT.when(interpolates && lights.contains(Features::CACHED_LAMPS))
         | traversal
@@ -314,7 +319,8 @@ fn view_key(
                 && list.kinds_seen.has(SURFACES)
                 && shows_meshes(of),
         )
-        | Features::DENOISED.when(settings.reflections > 0 && quality.denoise && list.rough)
+        | Features::DENOISED.when(denoised)
+        | Features::REFLECTION_HISTORY.when(denoised && can_remember)
         | Features::OVERLAYS.when(camera.overlays != VdbOverlays::default())
         | Features::SCALED.when(quality.resolution < 1.0)
         | Features::EDGES.when(shows_edges && pool.spare_bindings() >= 2)
