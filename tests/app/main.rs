@@ -6,6 +6,7 @@ mod cooked;
 #[cfg(feature = "picking")]
 #[path = "../common/headless.rs"]
 mod headless;
+#[path = "../common/log.rs"]
 mod log;
 mod meshes;
 #[cfg(feature = "picking")]

@@ -31,6 +31,8 @@ mod levels;
 mod levels_within;
 mod light_cache;
 mod lights;
+#[path = "../common/log.rs"]
+mod log;
 mod many;
 mod materials;
 mod measure;

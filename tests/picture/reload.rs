@@ -3,14 +3,9 @@
 use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, Once};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use bevy::log::Level;
-use bevy::log::tracing::field::{Field, Visit};
-use bevy::log::tracing::{Event, Subscriber};
-use bevy::log::tracing_subscriber::layer::{Context, Layer, SubscriberExt};
-use bevy::log::tracing_subscriber::{Registry, util::SubscriberInitExt};
 use bevy::math::DVec3;
 use bevy::prelude::*;
 use bevy::shader::Shader;
@@ -22,6 +17,7 @@ use vdb_core::tree::Vdb543;
 use vdb_core::{AnyTree, Grid, GridClass, WriteOptions};
 
 use super::common::{Picture, Stage};
+use super::log::{listen, said};
 use super::{GREEN, SIZE, glow, looking};
 
 const SMOOTH: PackKind = PackKind::Smooth { iso: 0.0 };
@@ -55,40 +51,6 @@ fn a_broken_shader_leaves_the_last_good_one() {
     let mended = edit(&mut stage, TRACE.replace(wrote, blue));
     assert!(mended.center().z > 0.9 && mended.center().y < 0.1, "{}", mended.center());
     assert!(edit(&mut stage, TRACE.into()) == before);
-}
-
-/// All warnings and errors of this process, from when they are first listened to.
-static SAID: Mutex<Vec<String>> = Mutex::new(Vec::new());
-
-struct Listener;
-
-impl<S: Subscriber> Layer<S> for Listener {
-    fn on_event(&self, event: &Event, _: Context<S>) {
-        struct Message(String);
-        impl Visit for Message {
-            fn record_debug(&mut self, field: &Field, value: &dyn std::fmt::Debug) {
-                if field.name() == "message" {
-                    self.0 = format!("{value:?}");
-                }
-            }
-        }
-        if *event.metadata().level() <= Level::WARN {
-            let mut message = Message(String::new());
-            event.record(&mut message);
-            SAID.lock().unwrap().push(message.0);
-        }
-    }
-}
-
-/// Begins to listen, once in a process.
-pub(super) fn listen() {
-    static LISTEN: Once = Once::new();
-    LISTEN.call_once(|| Registry::default().with(Listener).init());
-}
-
-/// All that has been said with a name in it.
-pub(super) fn said_of(name: &str) -> Vec<String> {
-    SAID.lock().unwrap().iter().filter(|said| said.contains(name)).cloned().collect()
 }
 
 /// An app that watches a folder, and one file in it that is shown.
@@ -157,7 +119,7 @@ impl Watched {
 
     /// All that has been said of the file.
     fn said(&self) -> Vec<String> {
-        said_of(self.path.file_name().unwrap().to_str().unwrap())
+        said(self.path.file_name().unwrap().to_str().unwrap())
     }
 
     /// What has been said of it since this was last asked: after longer than the watcher takes.

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use super::*;
 use crate::common::Picture;
-use crate::reload::{listen, said_of};
+use crate::log::{listen, said};
 
 /// Volumes are in every frame, with and without a material that has just been added.
 #[gpu_test]
@@ -102,11 +102,11 @@ fn errors_name_the_line_and_leave_the_picture() {
             stage.update(1);
             std::thread::sleep(Duration::from_millis(5));
             let is_late = begin.elapsed() > Duration::from_secs(60);
-            if is_due && said_of(name).len() == heard && !is_late {
+            if is_due && said(name).len() == heard && !is_late {
                 end = Instant::now() + Duration::from_secs(1);
             }
         }
-        let all = said_of(name);
+        let all = said(name);
         let news = all[heard..].to_vec();
         heard = all.len();
         news

@@ -38,6 +38,6 @@ pub fn listen() {
 }
 
 /// The warnings and errors that contain a text.
-pub fn said(word: &str) -> Vec<String> {
-    SAID.lock().unwrap().iter().filter(|line| line.contains(word)).cloned().collect()
+pub fn said(text: &str) -> Vec<String> {
+    SAID.lock().unwrap().iter().filter(|line| line.contains(text)).cloned().collect()
 }
