@@ -9,7 +9,7 @@ use bevy::render::{Render, RenderApp, RenderSystems};
 
 use super::accumulate::{AccumulateView, Accumulated, Mean};
 use super::composite::CompositeView;
-use super::denoise::{DenoiseView, HistoryView};
+use super::denoise::DenoiseView;
 use super::fog_shadows::{SMOOTHED, SmoothedViews};
 use super::light_cache::{LightCache, LightCacheView};
 use super::scattered_light::{ScatteredLight, ScatteredLightView};
@@ -41,7 +41,7 @@ type ViewData<'a> = (
     &'a ViewState,
     &'a ViewPicture,
     (&'a LightCacheView, &'a ScatteredLightView, &'a TraceView, &'a EdgesView),
-    LaterPasses<'a>,
+    (&'a DenoiseView, &'a UpscaleView),
     &'a AccumulateView,
     &'a CompositeView,
 );
@@ -71,9 +71,6 @@ fn report(
     diagnostics.set(reports);
 }
 
-/// The passes between the trace and the mean of frames.
-type LaterPasses<'a> = (&'a HistoryView, &'a DenoiseView, &'a UpscaleView);
-
 /// The resources that shadows of volumes on meshes use.
 struct OnMeshes<'a> {
     casts: bool,
@@ -84,12 +81,20 @@ struct OnMeshes<'a> {
 }
 
 fn of_view(
-    (camera, state, picture, (light, solve, trace, edges), later, accumulate, composite): (
+    (
+        camera,
+        state,
+        picture,
+        (light, solve, trace, edges),
+        (denoise, upscale),
+        accumulate,
+        composite,
+    ): (
         &MainEntity,
         &ViewState,
         &ViewPicture,
         (&LightCacheView, &ScatteredLightView, &TraceView, &EdgesView),
-        LaterPasses,
+        (&DenoiseView, &UpscaleView),
         &AccumulateView,
         &CompositeView,
     ),
@@ -124,7 +129,7 @@ fn of_view(
             buffers.add("vdb_velocity_means", means, why);
         }
     }
-    buffers.add_later(trace, later);
+    buffers.add_later(trace, denoise, upscale);
     if let Some(mean) = accumulate.accumulated.as_ref().and_then(Accumulated::mean) {
         buffers.add_mean(mean);
     }
@@ -135,7 +140,13 @@ fn of_view(
         frames,
         is_compiling: !prepared.is_ready || prepared.is_fallback,
         features: features(prepared),
-        passes: passes(&on_meshes, (light, solve, trace, edges), later, frames, composite),
+        passes: passes(
+            &on_meshes,
+            (light, solve, trace, edges),
+            (denoise, upscale),
+            frames,
+            composite,
+        ),
         buffers: buffers.0,
     };
     Some((camera.id(), report))
@@ -153,7 +164,7 @@ const EDGES: &str = "VdbQuality::edge_samples is more than 0, and a surface is i
 fn passes(
     on_meshes: &OnMeshes,
     (light, solve, trace, edges): (&LightCacheView, &ScatteredLightView, &TraceView, &EdgesView),
-    (_, denoise, upscale): LaterPasses,
+    (denoise, upscale): (&DenoiseView, &UpscaleView),
     frames: u32,
     composite: &CompositeView,
 ) -> Vec<VdbPassReport> {
@@ -256,19 +267,16 @@ impl Buffers {
     }
 
     /// What the passes between the trace and the mean of frames write.
-    fn add_later(&mut self, trace: &TraceView, (history, denoise, upscale): LaterPasses) {
+    fn add_later(&mut self, trace: &TraceView, denoise: &DenoiseView, upscale: &UpscaleView) {
         if let (Some(reflections), Some(outputs)) = (&trace.reflections, &denoise.outputs) {
             let why = "reflections in rough surfaces are denoised";
             self.push("vdb_reflections", bytes(reflections), why);
             self.push("vdb_denoised", outputs.iter().map(bytes).sum(), why);
         }
-        if let Some(means) = history.means() {
-            let why = "reflections are averaged over frames";
-            self.push("vdb_reflection_means", means.into_iter().map(bytes).sum(), why);
-        }
-        if let Some(firsts) = &trace.first_reflections {
+        if let (Some(firsts), Some(means)) = (&trace.first_reflections, denoise.means()) {
             let why = "reflections are averaged over frames";
             self.push("vdb_first_reflections", bytes(firsts), why);
+            self.push("vdb_reflection_means", means.iter().map(bytes).sum(), why);
         }
         if let Some(upscaled) = &upscale.picture {
             let why = "there are fewer rays than pixels";

@@ -120,7 +120,7 @@ fn denoised_reflections_do_not_flicker() {
         stage.clear();
         let view = scene(&mut stage, roughness, roughness);
         let eye = |x: f32| looking(Vec3::new(0.5 + x, 3.0, 7.0));
-        let means = [0.0, 0.025].map(|x| {
+        let means = [0.05, 0.025].map(|x| {
             stage.world().entity_mut(view.1).insert(eye(x));
             shown(&mut stage, &view, MANY)
         });

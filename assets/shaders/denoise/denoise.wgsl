@@ -11,11 +11,11 @@
 // over frames.
 
 #import bevy_vdb::gpu::types::View
+#import bevy_vdb::view::picture::{MAX_COLOR, t_of_depth}
 #import bevy_vdb::view::reflection::{Reflection, decoded_reflection}
 #ifdef VDB_REFLECTION_HISTORY
 #import bevy_vdb::traversal::rays::ndc_of
 #import bevy_vdb::view::depths::is_surface_depth
-#import bevy_vdb::view::picture::t_of_depth
 #import bevy_vdb::view::reflection::{FirstReflection, ReflectionMean, decoded_first, decoded_mean, encoded_mean, likeness}
 #endif
 
@@ -51,9 +51,6 @@ const KERNEL: vec3<f32> = vec3(0.375, 0.25, 0.0625);
 
 // From this sharpness on, the mean over neighbours would be the pixel itself.
 const MAX_SHARPNESS: f32 = 2.5;
-
-// Fits in a 16-bit float.
-const MAX_COLOR: f32 = 65000.0;
 
 // Reflected radiance at a pixel, and its sharpness.
 fn radiance_at(pixel: vec2<u32>, own: Reflection) -> vec4<f32> {

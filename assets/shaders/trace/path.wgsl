@@ -7,7 +7,7 @@
 #import bevy_vdb::trace::segment::{NONE, Segment, lattice_ray, point_at}
 #import bevy_vdb::trace::surface::{Surface, nearer, no_surface}
 #import bevy_vdb::view::depths::{NO_DEPTH, encoded_fog_depth, is_surface_depth}
-#import bevy_vdb::view::picture::{depth_of_meshes, t_of_depth}
+#import bevy_vdb::view::picture::{MAX_COLOR, depth_of_meshes, t_of_depth}
 #import bevy_vdb::view::scene::{depth_of_t, target_pixel, view, volumes}
 #ifdef VDB_REFLECTIONS
 #import bevy_vdb::view::scene::{interleaved_gradient_noise, random_pair}
@@ -65,9 +65,6 @@
 #else
 @group(2) @binding(6) var scene_depth: texture_depth_2d;
 #endif
-
-// Just below the largest finite 16-bit float.
-const MAX_COLOR: f32 = 65000.0;
 
 // The t of the opaque meshes at a pixel.
 fn mesh_t(pixel: vec2<u32>) -> f32 {

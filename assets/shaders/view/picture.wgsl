@@ -3,6 +3,9 @@
 
 #import bevy_vdb::traversal::hdda::FAR
 
+// Just below the largest finite 16-bit float.
+const MAX_COLOR: f32 = 65000.0;
+
 // The pixel that a ray passes through: the middle of the pixels that the ray represents, offset by `jitter`.
 // `rays` and `picture` are the numbers of rays and pixels along each axis.
 fn pixel_of(ray: vec2<u32>, rays: vec2<u32>, picture: vec2<u32>, jitter: vec2<f32>) -> vec2<u32> {

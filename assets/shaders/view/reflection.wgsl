@@ -1,6 +1,8 @@
 // The reflection in a rough surface: the trace writes a texel per ray, for the denoising.
 #define_import_path bevy_vdb::view::reflection
 
+#import bevy_vdb::view::picture::MAX_COLOR
+
 struct Reflection {
     radiance: vec3<f32>,    // times the exposure, before the surface's reflectance
     sharpness: f32,         // inverse of the standard deviation of the smoothing, per pixel of the traced image
@@ -52,7 +54,7 @@ fn decoded_first(words: vec2<u32>) -> FirstReflection {
 
 // A colour in 32 bits: three numbers of 9 bits, rounded down, and an exponent, as in the texture format rgb9e5ufloat.
 fn shared_exponent(color: vec3<f32>) -> u32 {
-    let own = clamp(color, vec3(0.0), vec3(65408.0));
+    let own = clamp(color, vec3(0.0), vec3(MAX_COLOR));
     let largest = max(max(own.r, own.g), max(own.b, 1.0 / 65536.0));
     let exponent = (bitcast<u32>(largest) >> 23u) - 111u;
     let parts = min(vec3<u32>(own * exp2(24.0 - f32(exponent))), vec3(511u));
@@ -62,9 +64,6 @@ fn shared_exponent(color: vec3<f32>) -> u32 {
 fn from_shared_exponent(word: u32) -> vec3<f32> {
     return vec3<f32>(vec3(word, word >> 9u, word >> 18u) & vec3(511u)) * exp2(f32(word >> 27u) - 24.0);
 }
-
-// Fits in a 16-bit float.
-const MAX_REFLECTED: f32 = 65000.0;
 
 // The mean over frames of what a pixel's first reflection adds to its colour.
 struct ReflectionMean {
@@ -76,7 +75,7 @@ struct ReflectionMean {
 
 fn encoded_mean(mean: ReflectionMean) -> vec4<u32> {
     // An infinity would never leave the mean.
-    let reflected = clamp(mean.reflected, vec3(-MAX_REFLECTED), vec3(MAX_REFLECTED));
+    let reflected = clamp(mean.reflected, vec3(-MAX_COLOR), vec3(MAX_COLOR));
     return vec4(
         pack2x16float(reflected.rg),
         pack2x16float(vec2(reflected.b, mean.frames)),

@@ -9,7 +9,7 @@ use bevy::render::texture::CachedTexture;
 
 use crate::quality::features::Features;
 use crate::render::extract::{ExtractedMaterials, SceneChanges};
-use crate::render::gpu::{golden, picture_texture, types};
+use crate::render::gpu::{golden, lasting_texture, types};
 use crate::render::view::{MEAN_BYTES, PreparedView, ViewKey};
 
 /// The accumulation state of a view.
@@ -100,11 +100,7 @@ impl Accumulated {
 
 impl Mean {
     fn new(picture: UVec2, device: &RenderDevice) -> Self {
-        let texture = |label, format| {
-            let texture = device.create_texture(&picture_texture(label, format, picture));
-            let default_view = texture.create_view(&default());
-            CachedTexture { texture, default_view }
-        };
+        let texture = |label, format| lasting_texture(label, format, picture, device);
         let buffer = device.create_buffer(&BufferDescriptor {
             label: Some("vdb_means"),
             size: MEAN_BYTES * picture.as_u64vec2().element_product(),

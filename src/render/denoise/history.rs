@@ -12,33 +12,19 @@ use bevy::render::view::ExtractedView;
 
 use crate::quality::features::Features;
 use crate::render::extract::{ExtractedMaterials, SceneChanges};
-use crate::render::gpu::{affine, picture_texture, types};
-use crate::render::view::{Entry, Lattice, PreparedView, ViewState};
+use crate::render::gpu::{affine, lasting_texture, types};
+use crate::render::view::{Entry, Lattice, PreparedView};
 
 /// The most frames that a reflection is the mean of, while nothing but the camera changes.
 const MAX_FRAMES: u32 = 32;
 /// The same while something changes that may be reflected.
 const MAX_CHANGING_FRAMES: u32 = 2;
 
-/// What is known of earlier frames of a view that denoises reflections.
-#[derive(Component, Default)]
-pub(in crate::render) struct HistoryView {
-    history: Option<History>,
-}
-
-impl HistoryView {
-    /// The means up to the previous frame, and up to this one.
-    pub fn means(&self) -> Option<[&CachedTexture; 2]> {
-        let History { means: [a, b], frame, .. } = self.history.as_ref()?;
-        Some(if frame.is_multiple_of(2) { [a, b] } else { [b, a] })
-    }
-}
-
-/// What is known of earlier frames.
-struct History {
+/// What is known of earlier frames of a view.
+pub(super) struct History {
     size: UVec2,
     /// Those up to the previous frame and those up to this one, which swap places every frame.
-    means: [CachedTexture; 2],
+    pub means: [CachedTexture; 2],
     /// The number of frames so far, with this one.
     frame: u32,
     /// Bevy's count of frames when the view was last drawn.
@@ -53,12 +39,7 @@ struct History {
 
 impl History {
     fn new(size: UVec2, device: &RenderDevice) -> Self {
-        let texture = |label| {
-            let format = TextureFormat::Rgba32Uint;
-            let texture = device.create_texture(&picture_texture(label, format, size));
-            let default_view = texture.create_view(&default());
-            CachedTexture { texture, default_view }
-        };
+        let texture = |label| lasting_texture(label, TextureFormat::Rgba32Uint, size, device);
         Self {
             size,
             means: ["vdb_reflection_means_a", "vdb_reflection_means_b"].map(texture),
@@ -69,49 +50,34 @@ impl History {
             unchanged: 0,
         }
     }
-}
 
-/// Tells the shaders how this frame follows the previous one.
-pub(super) fn begin_frame(
-    mut views: Query<(&mut ViewState, &mut HistoryView, &ExtractedView)>,
-    (changes, materials): (Res<SceneChanges>, Res<ExtractedMaterials>),
-    now: Res<FrameCount>,
-    device: Res<RenderDevice>,
-) {
-    for (mut state, mut own, view) in &mut views {
-        let before = own.history.take();
-        // Nothing is drawn until the pipelines are ready.
-        let Some(prepared) = state
-            .prepared
-            .as_mut()
-            .filter(|prepared| prepared.is_ready && prepared.key.has(Features::REFLECTION_HISTORY))
-        else {
-            continue;
-        };
+    /// Continues with frame `now`, and tells the shaders how it follows the previous one.
+    pub fn next(
+        before: Option<Self>,
+        prepared: &mut PreparedView,
+        view: &ExtractedView,
+        (changes, materials): (&SceneChanges, &ExtractedMaterials),
+        now: FrameCount,
+        device: &RenderDevice,
+    ) -> Self {
         let size = prepared.size();
         let before = before.filter(|before| before.size == size);
         let is_known = before.as_ref().is_some_and(|before| now.0 == before.drawn.wrapping_add(1));
-        let mut history = before.unwrap_or_else(|| History::new(size, &device));
+        let mut history = before.unwrap_or_else(|| Self::new(size, device));
         let world_from_view = affine(view.world_from_view.affine());
         let clip_from_world =
             view.clip_from_view.as_dmat4() * DMat4::from(world_from_view.inverse());
-        let fingerprint = fingerprint(prepared, &changes, &materials);
         let then_from_now = history.clip_from_world * clip_from_world.inverse();
-        prepared.data.then_from_now = then_from_now.as_mat4().to_cols_array_2d();
+        let fingerprint = fingerprint(prepared, changes, materials);
         let is_same = fingerprint == history.fingerprint;
         let unchanged = if is_same { history.unchanged.saturating_add(1) } else { 0 };
+        prepared.data.then_from_now = then_from_now.as_mat4().to_cols_array_2d();
         prepared.data.max_history_frames =
             if is_known { unchanged.clamp(MAX_CHANGING_FRAMES, MAX_FRAMES) } else { 1 };
         prepared.data.reflection_frame = history.frame;
-        history = History {
-            frame: history.frame.wrapping_add(1),
-            drawn: now.0,
-            clip_from_world,
-            fingerprint,
-            unchanged,
-            ..history
-        };
-        own.history = Some(history);
+        history.means.swap(0, 1);
+        let frame = history.frame.wrapping_add(1);
+        Self { frame, drawn: now.0, clip_from_world, fingerprint, unchanged, ..history }
     }
 }
 

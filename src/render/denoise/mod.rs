@@ -4,6 +4,7 @@
 mod history;
 
 use bevy::core_pipeline::schedule::Core3d;
+use bevy::diagnostic::FrameCount;
 use bevy::prelude::*;
 use bevy::render::render_resource::binding_types::{texture_2d, uniform_buffer_sized};
 use bevy::render::render_resource::{
@@ -13,10 +14,12 @@ use bevy::render::render_resource::{
 };
 use bevy::render::renderer::{RenderContext, RenderDevice, ViewQuery};
 use bevy::render::texture::{CachedTexture, TextureCache};
+use bevy::render::view::ExtractedView;
 use bevy::render::{Render, RenderApp, RenderStartup, RenderSystems};
 use bevy::shader::Shader;
 use bytemuck::{Pod, Zeroable};
 
+use super::extract::{ExtractedMaterials, SceneChanges};
 use super::gpu::{PipelineFallback, Shaders, picture_texture, read, write};
 use super::trace::{TraceView, find_edges, trace};
 use super::view::{
@@ -24,7 +27,7 @@ use super::view::{
     VdbSystems, ViewPicture, ViewState, VisibleVolumes, add_picture_pass, run_picture_pass,
 };
 use crate::quality::features::Features;
-pub(super) use history::HistoryView;
+use history::History;
 
 /// Denoises reflections, in views with rough surfaces.
 pub(super) struct DenoisePlugin;
@@ -33,14 +36,13 @@ impl Plugin for DenoisePlugin {
     fn build(&self, app: &mut App) {
         let Some(render_app) = app.get_sub_app_mut(RenderApp) else { return };
         render_app.world_mut().register_required_components::<VisibleVolumes, DenoiseView>();
-        render_app.world_mut().register_required_components::<VisibleVolumes, HistoryView>();
         add_picture_pass::<DenoisePass>(render_app);
         render_app
             .add_systems(RenderStartup, init)
             .add_systems(
                 Render,
                 (
-                    history::begin_frame.in_set(PrepareViews::Adjust),
+                    follow_frames.in_set(PrepareViews::Adjust),
                     prepare.in_set(PrepareViews::Denoise),
                     bind.in_set(RenderSystems::PrepareBindGroups),
                 ),
@@ -90,12 +92,19 @@ pub(super) struct DenoiseView {
     /// The dispatches write them alternately; the last one writes the image into the first.
     pub outputs: Option<[CachedTexture; 2]>,
     bind_groups: Option<[BindGroup; ITERATIONS]>,
+    /// What is known of earlier frames, in views that average reflections over frames.
+    history: Option<History>,
 }
 
 impl DenoiseView {
     /// Whether the pass runs.
     pub fn runs(&self) -> bool {
         self.pipeline.is_some()
+    }
+
+    /// The means of reflections up to the previous frame, and up to this one.
+    pub fn means(&self) -> Option<&[CachedTexture; 2]> {
+        self.history.as_ref().map(|history| &history.means)
     }
 }
 
@@ -142,6 +151,24 @@ impl PicturePass for DenoisePass {
     }
 }
 
+/// Continues the means of reflections. Nothing is drawn until the pipelines are ready, so nothing is known of earlier
+/// frames then.
+fn follow_frames(
+    mut views: Query<(&mut ViewState, &mut DenoiseView, &ExtractedView)>,
+    (changes, materials): (Res<SceneChanges>, Res<ExtractedMaterials>),
+    now: Res<FrameCount>,
+    device: Res<RenderDevice>,
+) {
+    for (mut state, mut own, view) in &mut views {
+        let before = own.history.take();
+        let Some(prepared) = &mut state.prepared else { continue };
+        if prepared.is_ready && prepared.key.has(Features::REFLECTION_HISTORY) {
+            let scene = (&*changes, &*materials);
+            own.history = Some(History::next(before, prepared, view, scene, *now, &device));
+        }
+    }
+}
+
 /// Creates the textures that the pass writes, and hands the image on.
 fn prepare(
     mut views: Query<(&ViewState, &mut DenoiseView, &mut ViewPicture)>,
@@ -150,7 +177,7 @@ fn prepare(
     mut textures: ResMut<TextureCache>,
 ) {
     for (view, mut own, mut picture) in &mut views {
-        *own = default();
+        *own = DenoiseView { history: own.history.take(), ..default() };
         let Some((prepared, _)) = view.prepared() else { continue };
         let Some(traced) = picture.traced.clone() else { continue };
         own.pipeline = pipelines.of(&prepared.key);
@@ -170,19 +197,19 @@ fn prepare(
 }
 
 fn bind(
-    mut views: Query<(&ViewState, &TraceView, &HistoryView, &mut DenoiseView, &ViewPicture)>,
+    mut views: Query<(&ViewState, &TraceView, &mut DenoiseView, &ViewPicture)>,
     iterations: Res<Iterations>,
     pipeline: Res<PicturePipeline<DenoisePass>>,
     cache: Res<PipelineCache>,
     device: Res<RenderDevice>,
 ) {
-    for (view, trace, history, mut own, picture) in &mut views {
+    for (view, trace, mut own, picture) in &mut views {
         let (Some((prepared, uniform)), Some(traced), Some(reflections), Some(outputs)) =
             (view.prepared(), &picture.traced, &trace.reflections, &own.outputs)
         else {
             continue;
         };
-        let history = trace.first_reflections.as_ref().zip(history.means());
+        let history = trace.first_reflections.as_ref().zip(own.means());
         if prepared.key.has(Features::REFLECTION_HISTORY) && history.is_none() {
             continue;
         }

@@ -11,6 +11,8 @@ use bevy::render::render_resource::{
     ShaderStages, StorageTextureAccess, TextureDescriptor, TextureDimension, TextureFormat,
     TextureSampleType, TextureUsages,
 };
+use bevy::render::renderer::RenderDevice;
+use bevy::render::texture::CachedTexture;
 use bevy::shader::ShaderDefVal;
 
 use crate::quality::features::Features;
@@ -137,4 +139,16 @@ pub(crate) fn picture_texture(
         usage: TextureUsages::STORAGE_BINDING | TextureUsages::TEXTURE_BINDING,
         view_formats: &[],
     }
+}
+
+/// Such a texture that is kept for later frames.
+pub(crate) fn lasting_texture(
+    label: &'static str,
+    format: TextureFormat,
+    size: UVec2,
+    device: &RenderDevice,
+) -> CachedTexture {
+    let texture = device.create_texture(&picture_texture(label, format, size));
+    let default_view = texture.create_view(&default());
+    CachedTexture { texture, default_view }
 }

@@ -18,9 +18,9 @@ pub(super) use dispatch::{MAX_GROUPS, TILE, dispatch_over_picture, tiles};
 pub(super) use fallback::PipelineFallback;
 pub(super) use key::GridKey;
 pub(super) use layout::{
-    GROUP, MATERIALS_BINDING, RAMPS_BINDING, SceneLayouts, defs, empty_layout, material_table,
-    page_defs, picture_texture, read, sample_format_def, scene_depth, scene_layout, storage_read,
-    write,
+    GROUP, MATERIALS_BINDING, RAMPS_BINDING, SceneLayouts, defs, empty_layout, lasting_texture,
+    material_table, page_defs, picture_texture, read, sample_format_def, scene_depth, scene_layout,
+    storage_read, write,
 };
 pub(super) use numbers::{affine, golden, non_negative};
 pub(super) use shaders::{Shaders, load_shaders};

@@ -167,9 +167,9 @@ impl<'a> SharedTextures<'a> {
             (15, lamp_light.map(|own| texture(own.texture()))),
             (17, view.edges.list.as_ref().map(buffer)),
             (19, trace.reflections.as_ref().map(own)),
-            (24, trace.first_reflections.as_ref().map(own)),
             (20, scattered.map(|(light, _)| texture(light))),
             (21, scattered.map(|(_, own)| sampler(own))),
+            (24, trace.first_reflections.as_ref().map(own)),
             (RAMPS_BINDING, ramps.map(texture)),
             (MATERIALS_BINDING, materials.map(texture)),
         ];
