@@ -5,7 +5,7 @@ use std::path::Path;
 use bevy::math::DVec3;
 use bevy::prelude::*;
 use bevy_vdb::vdb_core::pack::PackKind;
-use bevy_vdb::{VdbFile, VdbGrid, VdbMaterial, VdbVectorGrid, VdbVolume};
+use bevy_vdb::{VdbFile, VdbGrid, VdbMaterial, VdbRoles, VdbVectorGrid, VdbVolume};
 
 use crate::app::OfFiles;
 use crate::args::{Args, Part};
@@ -39,6 +39,40 @@ pub fn union(one: Option<Bounds>, other: Option<Bounds>) -> Option<Bounds> {
     both.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
 }
 
+/// The volumes of a file's grids, including those that are not shown.
+fn volumes_of(
+    args: &Args,
+    (path, file): (&Path, &VdbFile),
+    roles: &VdbRoles,
+    is_played: bool,
+    grids: &mut Assets<VdbGrid>,
+) -> Result<Vec<Volume>, String> {
+    let mut volumes = Vec::new();
+    for handle in &file.grids {
+        let label = file.named_grids.iter().find(|(_, named)| *named == handle);
+        let (Some((name, _)), Some(grid)) = (label, grids.get(handle).cloned()) else { continue };
+        let suits = roles.surfaces.contains(handle) || roles.density.as_ref() == Some(handle);
+        let label = Label { name: name.clone(), suits, kind: grid.kind() };
+        // A grid that is requested by name is shown, whatever its role.
+        let named = args.grids.iter().any(|asked| asked == name || asked == grid.name());
+        let shown = if args.grids.is_empty() { suits } else { named };
+        let (handle, grid) = match select::other_kind(args, name, grid.kind()) {
+            None => (handle.clone(), grid),
+            Some(_) if is_played => {
+                let path = path.display();
+                return Err(format!("{path}: {name}: --surface and --fog are for single files"));
+            }
+            Some(kind) => {
+                let other = grid.with_kind(kind);
+                let other = other.map_err(|why| format!("{}: {name}: {why}", path.display()))?;
+                (grids.add(other.clone()), other)
+            }
+        };
+        volumes.push(Volume { label, handle, grid, shown });
+    }
+    Ok(volumes)
+}
+
 /// Spawns the volumes of a file, or of a sequence of which it is a frame, and prints a list of its
 /// grids. Returns the bounds of everything displayed.
 pub fn spawn(
@@ -53,29 +87,7 @@ pub fn spawn(
     if file.grids.is_empty() {
         return Err(format!("{}: the file has no grids", path.display()));
     }
-    let mut volumes = Vec::new();
-    for handle in &file.grids {
-        let label = file.named_grids.iter().find(|(_, named)| *named == handle);
-        let (Some((name, _)), Some(grid)) = (label, grids.get(handle).cloned()) else { continue };
-        let suits = roles.surfaces.contains(handle) || roles.density.as_ref() == Some(handle);
-        let label = Label { name: name.clone(), suits, kind: grid.kind() };
-        // A grid that is requested by name is shown, whatever its role.
-        let named = args.grids.iter().any(|asked| asked == name || asked == grid.name());
-        let shown = if args.grids.is_empty() { suits } else { named };
-        let (handle, grid) = match select::other_kind(args, name, grid.kind()) {
-            None => (handle.clone(), grid),
-            Some(_) if played.is_some() => {
-                let path = path.display();
-                return Err(format!("{path}: {name}: --surface and --fog are for single files"));
-            }
-            Some(kind) => {
-                let other = grid.with_kind(kind);
-                let other = other.map_err(|why| format!("{}: {name}: {why}", path.display()))?;
-                (grids.add(other.clone()), other)
-            }
-        };
-        volumes.push(Volume { label, handle, grid, shown });
-    }
+    let volumes = volumes_of(args, (path, file), &roles, played.is_some(), grids)?;
     let is_fog = |volume: &Volume| matches!(volume.grid.kind(), PackKind::Fog);
     // The emission belongs to the smoke or, without smoke, to another visible volume.
     let first = |test: &dyn Fn(&Volume) -> bool| {

@@ -43,6 +43,49 @@ fn names(report: &VdbCameraReport) -> [String; 3] {
     ]
 }
 
+const PIXELS: u64 = (SIZE.x * SIZE.y) as u64;
+/// The passes and the buffers of a view that needs no others.
+const BOTH: &str = "vdb_trace, vdb_composite";
+const PLAIN: &str = "vdb_view, vdb_placement, vdb_color, vdb_depth, vdb_tiles";
+
+/// A camera before a sphere of voxels, and whatever is put beside it.
+struct Needs {
+    stage: Stage,
+    target: Handle<Image>,
+    camera: Entity,
+    sphere: Entity,
+}
+
+impl Needs {
+    fn camera(&mut self) -> EntityWorldMut<'_> {
+        self.stage.world().entity_mut(self.camera)
+    }
+
+    /// Compares what there is with names of features, passes and buffers.
+    fn check(
+        &mut self,
+        what: &str,
+        features: &str,
+        passes: &str,
+        buffers: &str,
+    ) -> VdbCameraReport {
+        self.stage.picture(&self.target);
+        let report = self.stage.report(self.camera).expect(what);
+        assert!(!report.is_compiling, "{what}");
+        assert_eq!(names(&report), [features, passes, buffers], "{what}");
+        assert!(report.buffers.iter().all(|buffer| buffer.bytes > 0), "{what}");
+        report
+    }
+}
+
+fn bytes(name: &str, report: &VdbCameraReport) -> u64 {
+    report.buffers.iter().find(|buffer| buffer.name == name).expect(name).bytes
+}
+
+fn mode(mode: VdbRenderMode) -> VdbCamera {
+    VdbCamera { mode, ..default() }
+}
+
 /// Scene by scene: what is compiled, run and kept is what the scene asks for.
 #[gpu_test]
 fn there_is_what_a_scene_asks_for_and_nothing_else() {
@@ -52,161 +95,171 @@ fn there_is_what_a_scene_asks_for_and_nothing_else() {
     stage.picture(&target);
     assert_eq!(stage.report(camera), None, "of an empty frame");
 
-    let both = "vdb_trace, vdb_composite";
-    let plain = "vdb_view, vdb_placement, vdb_color, vdb_depth, vdb_tiles";
-    let check = |stage: &mut Stage, what: &str, features: &str, passes: &str, buffers: &str| {
-        stage.picture(&target);
-        let report = stage.report(camera).expect(what);
-        assert!(!report.is_compiling, "{what}");
-        assert_eq!(names(&report), [features, passes, buffers], "{what}");
-        assert!(report.buffers.iter().all(|buffer| buffer.bytes > 0), "{what}");
-        report
-    };
     let sphere = stage.green_sphere(Transform::default());
-    let report = check(&mut stage, "voxels", "voxels, beam optimisation, light", both, plain);
-    let pixels = u64::from(SIZE.x * SIZE.y);
-    let bytes = |name: &str, report: &VdbCameraReport| {
-        report.buffers.iter().find(|buffer| buffer.name == name).unwrap().bytes
-    };
+    let mut needs = Needs { stage, target, camera, sphere };
+    check_voxels(&mut needs);
+    check_fog(&mut needs);
+    check_materials(&mut needs);
+    check_shadows(&mut needs);
+    check_edges(&mut needs);
+    check_motion(&mut needs);
+
+    needs.stage.world().despawn(needs.sphere);
+    needs.stage.picture(&needs.target);
+    assert_eq!(needs.stage.report(camera), None, "everything is gone with what asked for it");
+}
+
+fn check_voxels(needs: &mut Needs) {
+    let report = needs.check("voxels", "voxels, beam optimisation, light", BOTH, PLAIN);
     // Four halves, and a float.
-    assert_eq!(bytes("vdb_color", &report), 8 * pixels);
-    assert_eq!(bytes("vdb_depth", &report), 4 * pixels);
+    assert_eq!(bytes("vdb_color", &report), 8 * PIXELS);
+    assert_eq!(bytes("vdb_depth", &report), 4 * PIXELS);
     assert_eq!((report.volumes, report.rays), (1, SIZE));
 
-    let mode = |mode| VdbCamera { mode, ..default() };
-    stage.world().entity_mut(camera).insert(mode(VdbRenderMode::Normals));
-    check(&mut stage, "without light", "voxels, beam optimisation", both, plain);
-    stage.world().entity_mut(camera).insert(VdbCamera::default());
+    needs.camera().insert(mode(VdbRenderMode::Normals));
+    needs.check("without light", "voxels, beam optimisation", BOTH, PLAIN);
+    needs.camera().insert(VdbCamera::default());
+}
 
-    let grid = stage.ball_of_fog(15.0, 5.0);
-    let cloud = stage.world().spawn((VdbVolume(grid), glow(GREEN))).id();
+fn check_fog(needs: &mut Needs) {
+    let grid = needs.stage.ball_of_fog(15.0, 5.0);
+    let cloud = needs.stage.world().spawn((VdbVolume(grid), glow(GREEN))).id();
     let seen = "voxels, fog, multiple scattering, beam optimisation, light";
-    check(&mut stage, "fog", seen, both, plain);
-    stage.world().entity_mut(camera).insert(VdbQuality { fog_step: 2.0, ..default() });
+    needs.check("fog", seen, BOTH, PLAIN);
+    needs.camera().insert(VdbQuality { fog_step: 2.0, ..default() });
     let seen = "voxels, fog, sampled fog, multiple scattering, beam optimisation, light";
-    check(&mut stage, "sampled fog", seen, both, plain);
+    needs.check("sampled fog", seen, BOTH, PLAIN);
     let once = VdbCamera { multiple_scattering: false, ..default() };
-    stage.world().entity_mut(camera).insert(once);
+    needs.camera().insert(once);
     let seen = "voxels, fog, sampled fog, beam optimisation, light";
-    check(&mut stage, "light scattered once", seen, both, plain);
-    stage.world().entity_mut(camera).insert((VdbCamera::default(), VdbQuality::default()));
+    needs.check("light scattered once", seen, BOTH, PLAIN);
+    needs.camera().insert((VdbCamera::default(), VdbQuality::default()));
     let red = VdbVectorGrid::new("Cd", Tree::new([1.0, 0.0, 0.0]), DAffine3::IDENTITY).unwrap();
-    let red = stage.world().resource_mut::<Assets<VdbVectorGrid>>().add(red);
-    stage.world().entity_mut(cloud).insert(VdbColorGrid(red));
+    let red = needs.stage.world().resource_mut::<Assets<VdbVectorGrid>>().add(red);
+    needs.stage.world().entity_mut(cloud).insert(VdbColorGrid(red));
     let seen = "voxels, fog, multiple scattering, beam optimisation, light, colours in fog";
-    check(&mut stage, "a fog of colours", seen, both, plain);
-    stage.world().entity_mut(camera).insert(mode(VdbRenderMode::Normals));
-    check(&mut stage, "colours without light", "voxels, beam optimisation", both, plain);
-    stage.world().entity_mut(camera).insert(VdbCamera::default());
-    stage.world().entity_mut(cloud).remove::<VdbColorGrid>().insert(VdbRamp::default());
+    needs.check("a fog of colours", seen, BOTH, PLAIN);
+    needs.camera().insert(mode(VdbRenderMode::Normals));
+    needs.check("colours without light", "voxels, beam optimisation", BOTH, PLAIN);
+    needs.camera().insert(VdbCamera::default());
+    needs.stage.world().entity_mut(cloud).remove::<VdbColorGrid>().insert(VdbRamp::default());
     let seen = "voxels, fog, multiple scattering, beam optimisation, light, ramps";
     let with_ramps = "vdb_view, vdb_placement, vdb_color, vdb_depth, vdb_ramps, vdb_tiles";
-    check(&mut stage, "a ramp", seen, both, with_ramps);
-    stage.world().entity_mut(camera).insert(mode(VdbRenderMode::Normals));
-    check(&mut stage, "a ramp that is not seen", "voxels, beam optimisation", both, plain);
-    stage.world().entity_mut(camera).insert(VdbCamera::default());
-    stage.world().entity_mut(cloud).remove::<VdbRamp>();
-    let plane = stage.world().spawn(VdbClipPlane).id();
-    stage.world().entity_mut(cloud).insert(VdbClippedBy(vec![plane]));
+    needs.check("a ramp", seen, BOTH, with_ramps);
+    needs.camera().insert(mode(VdbRenderMode::Normals));
+    needs.check("a ramp that is not seen", "voxels, beam optimisation", BOTH, PLAIN);
+    needs.camera().insert(VdbCamera::default());
+    needs.stage.world().entity_mut(cloud).remove::<VdbRamp>();
+    let plane = needs.stage.world().spawn(VdbClipPlane).id();
+    needs.stage.world().entity_mut(cloud).insert(VdbClippedBy(vec![plane]));
     let seen = "voxels, fog, multiple scattering, beam optimisation, light, clip planes";
-    check(&mut stage, "a clip plane", seen, both, plain);
-    stage.world().despawn(plane);
+    needs.check("a clip plane", seen, BOTH, PLAIN);
+    needs.stage.world().despawn(plane);
     let seen = "voxels, fog, multiple scattering, beam optimisation, light";
-    check(&mut stage, "a clip plane that is gone", seen, both, plain);
-    stage.world().entity_mut(cloud).remove::<VdbClippedBy>();
-    let seen = "voxels, fog, multiple scattering, beam optimisation, light";
-    check(&mut stage, "no ramp any more", seen, both, plain);
-    let with_table = "vdb_view, vdb_placement, vdb_color, vdb_depth, vdb_materials, vdb_tiles";
-    stage.world().entity_mut(cloud).insert(Thinned::default());
-    let in_fog = format!("{seen}, custom materials in fog");
-    check(&mut stage, "a fog with a function", &in_fog, both, with_table);
-    stage.world().entity_mut(sphere).insert(Unchanged {});
-    let all = format!("{seen}, custom materials, custom materials in fog");
-    check(&mut stage, "functions of both", &all, both, with_table);
-    stage.world().entity_mut(cloud).remove::<Thinned>();
-    let on_surfaces = format!("{seen}, custom materials");
-    check(&mut stage, "a surface with a function", &on_surfaces, both, with_table);
-    stage.world().entity_mut(camera).insert(mode(VdbRenderMode::Normals));
-    check(&mut stage, "a function without light", "voxels, beam optimisation", both, plain);
-    stage.world().entity_mut(camera).insert(VdbCamera::default());
-    // One for surfaces is none for a fog.
-    stage.world().entity_mut(sphere).remove::<Unchanged>();
-    stage.world().entity_mut(cloud).insert(Unchanged {});
-    check(&mut stage, "no function any more", seen, both, plain);
-    stage.world().entity_mut(cloud).remove::<Unchanged>();
-    stage.world().despawn(cloud);
-    check(&mut stage, "no fog any more", "voxels, beam optimisation, light", both, plain);
+    needs.check("a clip plane that is gone", seen, BOTH, PLAIN);
+    needs.stage.world().entity_mut(cloud).remove::<VdbClippedBy>();
+    needs.check("no clip plane any more", seen, BOTH, PLAIN);
+    needs.stage.world().despawn(cloud);
+}
 
-    stage.world().insert_resource(DirectionalLightShadowMap { size: 256 });
+/// Functions of materials, in fog and on surfaces.
+fn check_materials(needs: &mut Needs) {
+    let grid = needs.stage.ball_of_fog(15.0, 5.0);
+    let cloud = needs.stage.world().spawn((VdbVolume(grid), glow(GREEN))).id();
+    let seen = "voxels, fog, multiple scattering, beam optimisation, light";
+    let with_table = "vdb_view, vdb_placement, vdb_color, vdb_depth, vdb_materials, vdb_tiles";
+    needs.stage.world().entity_mut(cloud).insert(Thinned::default());
+    let in_fog = format!("{seen}, custom materials in fog");
+    needs.check("a fog with a function", &in_fog, BOTH, with_table);
+    needs.stage.world().entity_mut(needs.sphere).insert(Unchanged {});
+    let all = format!("{seen}, custom materials, custom materials in fog");
+    needs.check("functions of both", &all, BOTH, with_table);
+    needs.stage.world().entity_mut(cloud).remove::<Thinned>();
+    let on_surfaces = format!("{seen}, custom materials");
+    needs.check("a surface with a function", &on_surfaces, BOTH, with_table);
+    needs.camera().insert(mode(VdbRenderMode::Normals));
+    needs.check("a function without light", "voxels, beam optimisation", BOTH, PLAIN);
+    needs.camera().insert(VdbCamera::default());
+    // One for surfaces is none for a fog.
+    needs.stage.world().entity_mut(needs.sphere).remove::<Unchanged>();
+    needs.stage.world().entity_mut(cloud).insert(Unchanged {});
+    needs.check("no function any more", seen, BOTH, PLAIN);
+    needs.stage.world().entity_mut(cloud).remove::<Unchanged>();
+    needs.stage.world().despawn(cloud);
+    needs.check("no fog any more", "voxels, beam optimisation, light", BOTH, PLAIN);
+}
+
+fn check_shadows(needs: &mut Needs) {
+    needs.stage.world().insert_resource(DirectionalLightShadowMap { size: 256 });
     let sun = DirectionalLight { shadow_maps_enabled: true, ..default() };
-    let sun = stage.world().spawn(sun).id();
+    let sun = needs.stage.world().spawn(sun).id();
     let seen = "voxels, beam optimisation, light, shadows";
-    check(&mut stage, "shadows", seen, both, plain);
-    let wall = stage.world().resource_mut::<Assets<Mesh>>().add(Cuboid::new(4.0, 4.0, 0.1));
+    needs.check("shadows", seen, BOTH, PLAIN);
+    let wall = needs.stage.world().resource_mut::<Assets<Mesh>>().add(Cuboid::new(4.0, 4.0, 0.1));
     let white = StandardMaterial::default();
-    let white = stage.world().resource_mut::<Assets<StandardMaterial>>().add(white);
+    let white = needs.stage.world().resource_mut::<Assets<StandardMaterial>>().add(white);
     let wall = (Mesh3d(wall), MeshMaterial3d(white), Transform::from_xyz(0.0, 0.0, -3.0));
-    let wall = stage.world().spawn(wall).id();
-    check(&mut stage, "shadows on a mesh", seen, "vdb_cast, vdb_trace, vdb_composite", plain);
+    let wall = needs.stage.world().spawn(wall).id();
+    needs.check("shadows on a mesh", seen, "vdb_cast, vdb_trace, vdb_composite", PLAIN);
     // Behind the camera, between the sun and the wall.
-    let grid = stage.ball_of_fog(15.0, 5.0);
+    let grid = needs.stage.ball_of_fog(15.0, 5.0);
     let behind = Transform::from_xyz(0.0, 0.0, 12.0);
-    let cloud = stage.world().spawn((VdbVolume(grid), glow(GREEN), behind)).id();
+    let cloud = needs.stage.world().spawn((VdbVolume(grid), glow(GREEN), behind)).id();
     let grainy = "vdb_view, vdb_placement, vdb_opacity, vdb_expected_light, vdb_grain, \
                   vdb_smoothed_meshes, vdb_color, vdb_depth, vdb_scattered_light, vdb_tiles";
     let passes = "vdb_cast, vdb_fog_shadows, vdb_trace, vdb_composite";
     let shaded =
         "voxels, fog, multiple scattering, beam optimisation, light, shadows, scattered light";
-    let report = check(&mut stage, "fog's shadow on a mesh", shaded, passes, grainy);
+    let report = needs.check("fog's shadow on a mesh", shaded, passes, grainy);
     let grain = ["vdb_expected_light", "vdb_grain", "vdb_smoothed_meshes"];
-    assert_eq!(grain.map(|name| bytes(name, &report)), [4, 8, 8].map(|texel| texel * pixels));
+    assert_eq!(grain.map(|name| bytes(name, &report)), [4, 8, 8].map(|texel| texel * PIXELS));
     // Nine layers of rays of eight bytes, at least 64×64.
     let opacity = bytes("vdb_opacity", &report);
-    assert!(opacity >= 9 * 8 * 64 * 64 && opacity % (9 * 8 * 64) == 0, "{opacity}");
-    stage.world().despawn(cloud);
-    stage.world().despawn(wall);
-    stage.world().despawn(sun);
+    assert!(opacity >= 9 * 8 * 64 * 64 && opacity.is_multiple_of(9 * 8 * 64), "{opacity}");
+    needs.stage.world().despawn(cloud);
+    needs.stage.world().despawn(wall);
+    needs.stage.world().despawn(sun);
+}
+
+fn check_edges(needs: &mut Needs) {
     let smooth = VdbQuality { edge_samples: 4, ..default() };
-    stage.world().entity_mut(camera).insert(smooth);
-    let report = check(
-        &mut stage,
+    needs.camera().insert(smooth);
+    let report = needs.check(
         "rays on edges",
         "voxels, beam optimisation, light, rays on edges",
         "vdb_trace, vdb_edges, vdb_refine, vdb_composite",
         "vdb_view, vdb_placement, vdb_color, vdb_depth, vdb_tiles, vdb_edge_pixels",
     );
-    assert_eq!(bytes("vdb_edge_pixels", &report), 16 + 12 * pixels);
-    stage.world().entity_mut(camera).insert(mode(VdbRenderMode::Normals));
-    check(&mut stage, "edges without light", "voxels, beam optimisation", both, plain);
-    stage.world().entity_mut(camera).insert(VdbCamera::default());
+    assert_eq!(bytes("vdb_edge_pixels", &report), 16 + 12 * PIXELS);
+    needs.camera().insert(mode(VdbRenderMode::Normals));
+    needs.check("edges without light", "voxels, beam optimisation", BOTH, PLAIN);
+    needs.camera().insert(VdbCamera::default());
+}
+
+fn check_motion(needs: &mut Needs) {
     let half = VdbQuality { resolution: 0.5, ..default() };
-    stage.world().entity_mut(camera).insert((half, DepthPrepass, MotionVectorPrepass));
-    let report = check(
-        &mut stage,
+    needs.camera().insert((half, DepthPrepass, MotionVectorPrepass));
+    let report = needs.check(
         "motion, and fewer rays",
         "voxels, beam optimisation, light, motion vectors, fewer rays than pixels",
         "vdb_trace, vdb_upscale, vdb_composite",
         "vdb_view, vdb_placement, vdb_color, vdb_depth, vdb_tiles, vdb_moving, vdb_motion, \
          vdb_color_upscaled, vdb_depth_upscaled, vdb_moving_upscaled",
     );
-    assert_eq!(bytes("vdb_color", &report), 2 * pixels, "a ray for four pixels");
-    assert_eq!(bytes("vdb_color_upscaled", &report), 8 * pixels);
+    assert_eq!(bytes("vdb_color", &report), 2 * PIXELS, "a ray for four pixels");
+    assert_eq!(bytes("vdb_color_upscaled", &report), 8 * PIXELS);
     let mut whirl: Vdb543<[f32; 3]> = Tree::new([0.0; 3]);
     whirl.set(IVec3::ZERO, [1.0, 0.0, 0.0]);
     let whirl = VdbVectorGrid::new("velocity", whirl, DAffine3::IDENTITY).unwrap();
-    let grid = stage.world().resource_mut::<Assets<VdbVectorGrid>>().add(whirl);
+    let grid = needs.stage.world().resource_mut::<Assets<VdbVectorGrid>>().add(whirl);
     let velocity = VdbVelocity { grid, scale: 1.0, time_step: 0.1 };
-    stage.world().entity_mut(camera).insert(VdbQuality::default());
-    stage.world().entity_mut(sphere).insert(velocity);
+    needs.camera().insert(VdbQuality::default());
+    needs.stage.world().entity_mut(needs.sphere).insert(velocity);
     let seen = "voxels, beam optimisation, light, motion vectors, velocities in motion vectors";
-    let moving = format!("{plain}, vdb_moving, vdb_motion, vdb_velocities, vdb_velocity_means");
-    check(&mut stage, "velocities", seen, both, &moving);
-    stage.world().entity_mut(camera).remove::<(DepthPrepass, MotionVectorPrepass)>();
-    check(&mut stage, "no motion vectors", "voxels, beam optimisation, light", both, plain);
-
-    stage.world().despawn(sphere);
-    stage.picture(&target);
-    assert_eq!(stage.report(camera), None, "everything is gone with what asked for it");
+    let moving = format!("{PLAIN}, vdb_moving, vdb_motion, vdb_velocities, vdb_velocity_means");
+    needs.check("velocities", seen, BOTH, &moving);
+    needs.camera().remove::<(DepthPrepass, MotionVectorPrepass)>();
+    needs.check("no motion vectors", "voxels, beam optimisation, light", BOTH, PLAIN);
 }
 
 /// Frames after which the time of a frame arrives.

@@ -14,6 +14,8 @@ use super::common::{Picture, Stage};
 use super::{SIZE, SURFACE, looking};
 
 const SMOOTH: PackKind = PackKind::Smooth { iso: 0.0 };
+/// Numbers that an app may set by mistake.
+const ODD: [f32; 5] = [0.0, -1.0, f32::MAX, f32::INFINITY, f32::NAN];
 
 /// A grid and the look of it, alone before a camera, lit by a sun and the sky.
 fn shown(
@@ -117,11 +119,43 @@ fn densities() -> Vdb543<f32> {
     )
 }
 
+/// A colour whose green is 1.
+fn color(x: f32) -> LinearRgba {
+    LinearRgba::rgb(x, 1.0, 0.0)
+}
+
+/// Volumes in the columns and rows of a picture, each with one of these numbers in its material.
+fn side_by_side(
+    stage: &mut Stage,
+    grid: &Handle<VdbGrid>,
+    kind: PackKind,
+    view: Transform,
+) -> Vec<Entity> {
+    let plain = VdbMaterial::default();
+    let mut volumes = Vec::new();
+    for (column, x) in ODD.into_iter().enumerate() {
+        let [perceptual_roughness, metallic, reflectance] = [x; 3];
+        let materials = [
+            VdbMaterial { emissive: color(x), ..plain.clone() },
+            VdbMaterial { base_color: color(x).into(), ..plain.clone() },
+            VdbMaterial { perceptual_roughness, metallic, reflectance, ..plain.clone() },
+            VdbMaterial { density_scale: x, ..plain.clone() },
+        ];
+        // The last is for fog alone.
+        let wanted = if kind == PackKind::Fog { 4 } else { 3 };
+        for (row, material) in materials.into_iter().take(wanted).enumerate() {
+            let at = Vec2::new(column as f32 - 2.0, row as f32 - 1.5) * 0.8;
+            let at = Transform::from_translation(view.transform_point(at.extend(-4.5)))
+                .with_scale(Vec3::splat(0.2));
+            volumes.push(stage.world().spawn((VdbVolume(grid.clone()), material, at)).id());
+        }
+    }
+    volumes
+}
+
 #[gpu_test]
 #[ignore = "slow: every odd number in every setting"]
 fn no_pixel_is_infinite_or_no_number() {
-    let odd = [0.0, -1.0, f32::MAX, f32::INFINITY, f32::NAN];
-    let color = |x| LinearRgba::rgb(x, 1.0, 0.0);
     let mut stage = Stage::new();
     let target = stage.target(UVec2::new(32, 20));
     let view = looking(Vec3::new(1.0, 2.0, 4.0));
@@ -159,7 +193,7 @@ fn no_pixel_is_infinite_or_no_number() {
         let plain = VdbMaterial::default();
         let seen = show(plain.clone(), 3.0, 0.25, normal).count(|pixel| pixel.x > 0.0);
         assert!(seen > 50, "{seen} pixels of {kind:?}");
-        for x in odd {
+        for x in ODD {
             show(plain.clone(), x, 0.25, normal);
             show(plain.clone(), 3.0, x, normal);
         }
@@ -176,25 +210,7 @@ fn no_pixel_is_infinite_or_no_number() {
         show(plain.clone(), 3.0, 0.25, normal);
         let grid = stage.world().get::<VdbVolume>(volume).unwrap().0.clone();
         stage.world().despawn(volume);
-        let mut volumes = Vec::new();
-        for (column, x) in odd.into_iter().enumerate() {
-            let [perceptual_roughness, metallic, reflectance] = [x; 3];
-            let materials = [
-                VdbMaterial { emissive: color(x), ..plain.clone() },
-                VdbMaterial { base_color: color(x).into(), ..plain.clone() },
-                VdbMaterial { perceptual_roughness, metallic, reflectance, ..plain.clone() },
-                VdbMaterial { density_scale: x, ..plain.clone() },
-            ];
-            // The last is for fog alone.
-            let wanted = if kind == PackKind::Fog { 4 } else { 3 };
-            for (row, material) in materials.into_iter().take(wanted).enumerate() {
-                let at = Vec2::new(column as f32 - 2.0, row as f32 - 1.5) * 0.8;
-                let at = Transform::from_translation(view.transform_point(at.extend(-4.5)))
-                    .with_scale(Vec3::splat(0.2));
-                let volume = (VdbVolume(grid.clone()), material, at);
-                volumes.push(stage.world().spawn(volume).id());
-            }
-        }
+        let volumes = side_by_side(&mut stage, &grid, kind, view);
         let sheet = stage.target(SIZE);
         stage.world().entity_mut(camera).insert(RenderTarget::Image(sheet.clone().into()));
         let picture = stage.picture(&sheet);
@@ -209,7 +225,7 @@ fn no_pixel_is_infinite_or_no_number() {
     let grid = stage.grid(densities(), SMOOTH, 0.1);
     stage.world().spawn(VdbVolume(grid));
     for mode in VdbRenderMode::ALL.iter().copied().filter(|mode| !mode.is_lit()) {
-        let scales = if mode == VdbRenderMode::Steps { &odd[..] } else { &odd[..1] };
+        let scales = if mode == VdbRenderMode::Steps { &ODD[..] } else { &ODD[..1] };
         for &steps_scale in scales {
             stage.world().entity_mut(camera).insert(VdbCamera { mode, steps_scale, ..default() });
             stage.picture(&target);

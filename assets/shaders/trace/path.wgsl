@@ -4,10 +4,11 @@
 
 #import bevy_vdb::gpu::types::{KIND_FOG, KIND_SMOOTH, KIND_SURFACE}
 #import bevy_vdb::trace::candidates::{next_candidate, start_t, volume_end}
+#import bevy_vdb::trace::seen::{PathResult, nothing_met, see_surface, with_borders}
 #import bevy_vdb::trace::segment::{NONE, Segment, lattice_ray, point_at}
 #import bevy_vdb::trace::surface::{Surface, nearer, no_surface}
-#import bevy_vdb::view::depths::{NO_DEPTH, encoded_fog_depth, is_surface_depth}
-#import bevy_vdb::view::picture::{MAX_COLOR, depth_of_meshes, t_of_depth}
+#import bevy_vdb::view::depths::{encoded_fog_depth, is_surface_depth}
+#import bevy_vdb::view::picture::{depth_of_meshes, t_of_depth}
 #import bevy_vdb::view::scene::{depth_of_t, target_pixel, view, volumes}
 #ifdef VDB_REFLECTIONS
 #import bevy_vdb::view::scene::{interleaved_gradient_noise, random_pair}
@@ -20,23 +21,18 @@
 #endif
 #ifdef VDB_FOGS
 #import bevy_vdb::trace::fogs::trace_fogs
-#ifdef VDB_LIT
-#import bevy_vdb::trace::fog_march::Fog
-#endif
 #endif
 #ifdef VDB_LIT
-#ifdef DISTANCE_FOG
-#import bevy_vdb::trace::distance_fog::apply_distance_fog
-#endif
 #import bevy_vdb::trace::lights::shading_point
+#import bevy_vdb::trace::seen::{FogLayer, displayed}
+#ifdef VDB_FOGS
+#import bevy_vdb::trace::seen::see_fog
+#endif
 #ifdef VDB_DENOISE
-#import bevy_vdb::trace::reflection::{FARTHEST, PathReflection, add_reflected, begin_reflection, continue_reflection}
-#import bevy_vdb::trace::reflection::{final_blur, is_sharp}
-#import bevy_vdb::view::reflection::Reflection
+#import bevy_vdb::trace::reflection::{PathReflection, add_reflected, begin_reflection, continue_reflection, is_sharp}
+#import bevy_vdb::trace::seen::ended_reflection
 #ifdef VDB_REFLECTION_HISTORY
-#import bevy_pbr::lighting::perceptualRoughnessToRoughness
-#import bevy_vdb::trace::shade::is_mirror
-#import bevy_vdb::view::reflection::FirstReflection
+#import bevy_vdb::trace::seen::remember_reflection
 #endif
 #endif
 #ifdef VDB_MESH_REFLECTIONS
@@ -49,9 +45,6 @@
 #else
 #import bevy_vdb::trace::surface::shading_normal
 #import bevy_vdb::trace::show::{axis_weights, gray, voxel_color}
-#endif
-#ifdef VDB_OVERLAYS
-#import bevy_vdb::trace::show::with_overlays
 #endif
 #ifdef VDB_COUNT_STEPS
 #import bevy_vdb::traversal::hdda::steps
@@ -98,28 +91,6 @@ fn nearest_surface(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Surface {
     return nearest;
 }
 
-// The result of tracing a view ray.
-struct PathResult {
-    color: vec3<f32>,       // luminance, or a colour of another render mode
-    coverage: f32,
-    depth: f32,
-    motion_volume: u32,     // the volume that the pixel moves with, or NONE
-    motion_depth: f32,
-#ifdef VDB_DENOISE
-    reflection: Reflection, // in the first surface, if it is rough
-#endif
-#ifdef VDB_REFLECTION_HISTORY
-    first: FirstReflection,
-#endif
-}
-
-fn nothing_met() -> PathResult {
-    var result = PathResult();
-    result.depth = NO_DEPTH;
-    result.motion_volume = NONE;
-    return result;
-}
-
 #ifdef VDB_LIT
 #ifdef VDB_REFLECTIONS
 // More than the bounces of a path: `VdbQuality::reflections` is at most 16.
@@ -138,104 +109,6 @@ fn frame_of(ray: u32) -> u32 {
 // A number in [0, 1) that is evenly distributed among neighbouring pixels, another one for each bounce.
 fn bounce_noise(pixel: vec2<u32>, bounce: u32) -> f32 {
     return interleaved_gradient_noise(vec2<f32>(pixel) + 5.588238 * f32(bounce));
-}
-#endif
-
-// The fog in front of the first surface.
-struct FogLayer {
-    radiance: vec3<f32>,
-    coverage: f32,
-    t: f32,
-}
-
-#ifdef DISTANCE_FOG
-// Applies distance fog at a point of a view ray.
-fn with_distance_fog(
-    color: vec3<f32>,
-    coverage: f32,
-    segment: Segment,
-    t: f32,
-    pixel: vec2<u32>,
-) -> vec3<f32> {
-    let at = shading_point(point_at(segment, t), vec3(0.0), pixel, true);
-#ifdef VDB_EMITS
-    // Emission has no coverage, so it must not add the distance fog's own light.
-    let fog_alone = apply_distance_fog(vec3(0.0), 1.0, at);
-    return apply_distance_fog(color, 1.0, at) - (1.0 - coverage) * fog_alone;
-#else
-    return apply_distance_fog(color, coverage, at);
-#endif
-}
-
-// Applies distance fog to what a view ray sees: to the fogs at their mean distance, and to the first surface and all
-// that it reflects at its own.
-fn through_distance_fog(
-    seen: PathResult,
-    fog_layer: FogLayer,
-    first_surface: Surface,
-    primary: Segment,
-    pixel: vec2<u32>,
-) -> PathResult {
-    var result = seen;
-    let fog_color = view.exposure * fog_layer.radiance;
-    result.color = with_distance_fog(fog_color, fog_layer.coverage, primary, fog_layer.t, pixel);
-    if first_surface.found {
-        let surface_color = seen.color - fog_color;
-        let coverage = seen.coverage - fog_layer.coverage;
-#ifdef VDB_REFLECTION_HISTORY
-        let direct = seen.first.direct - fog_color;
-        result.first.direct = result.color + with_distance_fog(direct, coverage, primary, first_surface.t, pixel);
-#endif
-        result.color += with_distance_fog(surface_color, coverage, primary, first_surface.t, pixel);
-#ifdef VDB_DENOISE
-        let reflectance = seen.reflection.reflectance;
-        result.reflection.reflectance = with_distance_fog(reflectance, 0.0, primary, first_surface.t, pixel);
-#endif
-    }
-    return result;
-}
-#endif
-
-#ifdef VDB_FOGS
-// Adds the fogs before the first surface to what a view ray sees, except for their radiance.
-fn see_fog(result: ptr<function, PathResult>, fog: Fog, transmittance: f32) -> FogLayer {
-#ifdef VDB_EMITS
-    let is_seen = fog.optical_depth > 0.0 || any(fog.radiance > vec3(0.0));
-#else
-    let is_seen = fog.optical_depth > 0.0;
-#endif
-    if !is_seen {
-        return FogLayer(vec3(0.0), 0.0, 0.0);
-    }
-    (*result).coverage = 1.0 - transmittance * (1.0 - (*result).coverage);
-    let fog_depth = encoded_fog_depth(depth_of_t(fog.t_first));
-    (*result).depth = select(fog_depth, (*result).depth, is_surface_depth((*result).depth));
-    // A pixel moves with the volume that contributes most of its light.
-    if transmittance < 0.5 {
-        (*result).motion_volume = fog.motion_volume;
-        (*result).motion_depth = depth_of_t(fog.t_mean);
-    }
-    return FogLayer(fog.radiance, 1.0 - transmittance, fog.t_mean);
-}
-#endif
-
-#ifdef VDB_DENOISE
-// The reflection of a path that ends with the luminance `color`, of which `rest` comes from far away.
-fn ended_reflection(
-    path: PathReflection,
-    color: vec3<f32>,
-    rest: vec3<f32>,
-    primary: Segment,
-    t: f32,
-) -> Reflection {
-    var reflection = path;
-    if any(path.own.reflectance > vec3(0.0)) {
-        add_reflected(&reflection, max(rest, vec3(0.0)), FARTHEST);
-        let reflected = view.exposure * (color - path.direct);
-        reflection.own.radiance = finite(reflected / max(path.own.reflectance, vec3(1e-30)));
-        reflection.own.sharpness = 1.0 / max(final_blur(reflection, primary, t), 1e-30);
-    }
-    return reflection.own;
 }
 #endif
 
@@ -265,10 +138,7 @@ fn trace_path(primary: Segment, pixel: vec2<u32>, ray: u32, t_end: f32) -> PathR
 #endif
         if surface.found && bounce == 0u {
             first_surface = surface;
-            result.coverage = 1.0;
-            result.depth = depth_of_t(surface.t);
-            result.motion_volume = surface.volume;
-            result.motion_depth = result.depth;
+            see_surface(&result, surface);
         }
 #ifdef VDB_FOGS
         let fog = trace_fogs(segment, pixel, t_max);
@@ -315,10 +185,7 @@ fn trace_path(primary: Segment, pixel: vec2<u32>, ray: u32, t_end: f32) -> PathR
             }
 #endif
 #ifdef VDB_REFLECTION_HISTORY
-            if result.first.alpha == 0.0 && !is_mirror(roughness) {
-                let alpha = perceptualRoughnessToRoughness(roughness);
-                result.first = FirstReflection(result.color, mirrored, alpha);
-            }
+            remember_reflection(&result, roughness, mirrored);
 #endif
             segment = Segment(point, direction, false, 0.0);
             t_max = view.reflection_range;
@@ -338,18 +205,7 @@ fn trace_path(primary: Segment, pixel: vec2<u32>, ray: u32, t_end: f32) -> PathR
     // What remains, such as an environment map's light, comes from far away.
     result.reflection = ended_reflection(reflection, result.color, miss_radiance, primary, first_surface.t);
 #endif
-    result.color *= view.exposure;
-#ifdef VDB_REFLECTION_HISTORY
-    result.first.direct *= view.exposure;
-#endif
-#ifdef DISTANCE_FOG
-    result = through_distance_fog(result, fog_layer, first_surface, primary, pixel);
-#endif
-    result.color = with_borders(result.color, primary, first_surface);
-#ifdef VDB_REFLECTION_HISTORY
-    result.first.direct = with_borders(result.first.direct, primary, first_surface);
-#endif
-    return result;
+    return displayed(result, fog_layer, first_surface, primary, pixel);
 }
 #else ifdef VDB_SHOW_MAXIMUM
 // The largest value of fog along a view ray.
@@ -373,10 +229,7 @@ fn trace_path(primary: Segment, pixel: vec2<u32>, ray: u32, t_end: f32) -> PathR
     var result = nothing_met();
     let surface = nearest_surface(primary, pixel, t_end);
     if surface.found {
-        result.coverage = 1.0;
-        result.depth = depth_of_t(surface.t);
-        result.motion_volume = surface.volume;
-        result.motion_depth = result.depth;
+        see_surface(&result, surface);
 #ifdef VDB_SHOW_NORMALS
         result.color = 0.5 + 0.5 * shading_normal(surface);
 #endif
@@ -416,22 +269,3 @@ fn heat_map(x: f32) -> vec3<f32> {
 }
 #endif
 #endif
-
-// Overlays the borders of tree nodes if the camera shows them.
-fn with_borders(color: vec3<f32>, segment: Segment, surface: Surface) -> vec3<f32> {
-#ifdef VDB_OVERLAYS
-    if surface.found {
-        return with_overlays(color, segment, surface);
-    }
-#endif
-    return color;
-}
-
-// Replaces NaNs by 0 and infinities by the largest colour: lights may produce both.
-fn finite(color: vec3<f32>) -> vec3<f32> {
-    let bits = bitcast<vec3<u32>>(color);
-    let is_finite = (bits & vec3(0x7f800000u)) != vec3(0x7f800000u);
-    let is_infinite = bits == vec3(0x7f800000u);
-    let finite_color = select(vec3(0.0), color, is_finite);
-    return clamp(select(finite_color, vec3(MAX_COLOR), is_infinite), vec3(0.0), vec3(MAX_COLOR));
-}

@@ -1,6 +1,7 @@
 // One thread per pixel. Writes radiance times exposure, premultiplied by coverage, and a depth for the composite.
 
-#import bevy_vdb::trace::path::{PathResult, finite, mesh_t, nothing_met, trace_path}
+#import bevy_vdb::trace::path::{mesh_t, trace_path}
+#import bevy_vdb::trace::seen::{PathResult, finite, nothing_met}
 #import bevy_vdb::trace::segment::{NONE, Segment, view_segment}
 #import bevy_vdb::traversal::rays::ndc_of
 #import bevy_vdb::view::scene::view

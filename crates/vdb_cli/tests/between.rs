@@ -288,6 +288,16 @@ fn wrong_input_gives_one_message() {
         let said = text(&output.stderr);
         assert_eq!(said.lines().filter(|line| *line == expected).count(), 1, "{expected}\n{said}");
     }
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn frames_are_neither_replaced_nor_made_by_wrong_options() {
+    let folder = folder("options");
+    let frames = write(&folder, 1..=2);
+    let [one, two] = [&*frames[0], &*frames[1]];
+    let out = path(&folder, "out");
+    let here = folder.to_str().unwrap();
     let replaced = vdb(&["between", one, two, "--out", here]);
     assert_eq!(replaced.status.code(), Some(1), "{replaced:?}");
     assert_eq!(

@@ -104,25 +104,26 @@ impl ExtractedVelocity {
     }
 }
 
+/// What is read from each volume's own entity.
+type SetOnEntity<'a> = (
+    Entity,
+    &'a VdbVolume,
+    &'a GlobalTransform,
+    &'a VdbMaterial,
+    &'a InheritedVisibility,
+    Option<&'a RenderLayers>,
+    (Option<&'a VdbEmission>, Option<&'a VdbColorGrid>),
+    (Has<NotShadowCaster>, Has<NotShadowReceiver>),
+    (Option<&'a VdbVelocity>, Option<&'a Share>),
+    (Has<NextFrame>, Has<Page>, Option<&'a ChildOf>),
+);
+
 /// What is set on a volume, or on the player or the paged volume that shows it.
 type SetOnVolume<'a> =
     (Option<&'a VdbVolumeQuality>, Option<&'a VdbRamp>, Option<&'a VdbClippedBy>);
 
 pub(crate) fn extract_volumes(
-    volumes: Extract<
-        Query<(
-            Entity,
-            &VdbVolume,
-            &GlobalTransform,
-            &VdbMaterial,
-            &InheritedVisibility,
-            Option<&RenderLayers>,
-            (Option<&VdbEmission>, Option<&VdbColorGrid>),
-            (Has<NotShadowCaster>, Has<NotShadowReceiver>),
-            (Option<&VdbVelocity>, Option<&Share>),
-            (Has<NextFrame>, Has<Page>, Option<&ChildOf>),
-        )>,
-    >,
+    volumes: Extract<Query<SetOnEntity>>,
     settings: Extract<Query<SetOnVolume>>,
     planes: Extract<Query<&GlobalTransform, With<VdbClipPlane>>>,
     with_motion: Extract<Query<(), With<MotionVectorPrepass>>>,

@@ -14,7 +14,7 @@ macro_rules! shaders {
 }
 
 /// The modules that shaders import.
-const IMPORTS: [(&str, &[u8]); 66] = shaders![
+const IMPORTS: [(&str, &[u8]); 67] = shaders![
     "gpu/types",
     "gpu/bindings",
     "material/table",
@@ -80,6 +80,7 @@ const IMPORTS: [(&str, &[u8]); 66] = shaders![
     "trace/fogs",
     "trace/show",
     "trace/maximum",
+    "trace/seen",
     "trace/path"
 ];
 /// The shaders with entry points.

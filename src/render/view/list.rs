@@ -187,6 +187,27 @@ pub(crate) struct ViewList {
     pub velocities: bool,
 }
 
+/// Whether one of these volumes is a surface that blurs what it reflects, or may do so by a material of its own.
+fn has_rough_surface(data: &[types::Volume], entries: &[Entry]) -> bool {
+    let surfaces = [types::KIND_SURFACE, types::KIND_SMOOTH];
+    data.iter().zip(entries).any(|(volume, entry)| {
+        surfaces.contains(&volume.kind)
+            && (volume.perceptual_roughness >= types::MIRROR_ROUGHNESS || entry.material.is_some())
+    })
+}
+
+/// Bits of the kinds of custom materials: of the surfaces among the first `shaded` volumes, and of all fogs.
+fn custom_materials(data: &[types::Volume], entries: &[Entry], shaded: usize) -> [u32; 2] {
+    let mut kinds = [0; 2];
+    for (i, (volume, entry)) in data.iter().zip(entries).enumerate() {
+        let is_fog = volume.kind == types::KIND_FOG;
+        if let Some(kind) = entry.material.filter(|_| is_fog || i < shaded) {
+            kinds[usize::from(is_fog)] |= 1 << kind;
+        }
+    }
+    kinds
+}
+
 impl ViewList {
     /// Lists the volumes in view and those beside it; `None` if the view sees nothing. `is_lit` is
     /// whether emission and colours are displayed, `mirrors` whether reflections are.
@@ -238,21 +259,9 @@ impl ViewList {
         let smooth_normals = normals.iter().any(is_smooth);
         let volumes = entries[..seen].iter().filter_map(|entry| maker.volumes.0.get(&entry.owner));
         let velocities = volumes.into_iter().any(|volume| volume.velocity.is_some());
-        let is_rough = |(volume, entry): (&types::Volume, &Entry)| {
-            volume.perceptual_roughness >= types::MIRROR_ROUGHNESS || entry.material.is_some()
-        };
-        let surfaces = data.iter().zip(&entries).take(seen);
-        let rough = surfaces
-            .filter(|(volume, _)| [types::KIND_SURFACE, types::KIND_SMOOTH].contains(&volume.kind))
-            .any(is_rough);
+        let rough = has_rough_surface(&data[..seen], &entries[..seen]);
         let shaded = if mirrors { entries.len() } else { seen };
-        let mut materials = [0; 2];
-        for (i, (volume, entry)) in data.iter().zip(&entries).enumerate() {
-            let is_fog = volume.kind == types::KIND_FOG;
-            if let Some(kind) = entry.material.filter(|_| is_fog || i < shaded) {
-                materials[usize::from(is_fog)] |= 1 << kind;
-            }
-        }
+        let materials = custom_materials(&data, &entries, shaded);
         let mut list = Self {
             data,
             entries,

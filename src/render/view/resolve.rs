@@ -246,6 +246,16 @@ fn needed_lights(
         | Features::UNCACHED_FOGS.when(is_cache_full || has_uncached || media.is_too_much())
 }
 
+/// The feature that says how rays find what they meet.
+fn traversal(traversal: VdbTraversal, pool: &VdbTreePool) -> Features {
+    match traversal {
+        VdbTraversal::HddaSkip => Features::BEAMS.when(pool.spare_bindings() >= 1),
+        VdbTraversal::Hdda => Features::HDDA,
+        VdbTraversal::Dda => Features::DDA,
+        VdbTraversal::March => Features::MARCH,
+    }
+}
+
 /// The key of the pipelines that a view requires.
 fn view_key(
     of: &ViewDataItem,
@@ -260,12 +270,6 @@ fn view_key(
     let emission = list.kinds.has(EMITTERS);
     let motion_vectors =
         of.has_motion && of.prepass.is_some_and(|all| all.motion_vectors.is_some());
-    let traversal = match quality.traversal {
-        VdbTraversal::HddaSkip => Features::BEAMS.when(pool.spare_bindings() >= 1),
-        VdbTraversal::Hdda => Features::HDDA,
-        VdbTraversal::Dda => Features::DDA,
-        VdbTraversal::March => Features::MARCH,
-    };
     let multiple_scattering = camera.multiple_scattering && fog && settings.is_lit();
     // Entries out of view are visible only in reflections.
     let media = list.media(settings.reflections == 0);
@@ -288,7 +292,7 @@ fn view_key(
     let can_remember = !settings.accumulates && (!motion_vectors || most_textures >= 5);
     let features = lights
         | Features::LAMP_LIGHT.when(interpolates && lights.contains(Features::CACHED_LAMPS))
-        | traversal
+        | traversal(quality.traversal, pool)
         | Features::MULTISAMPLED.when(of.msaa.samples() > 1)
         | Features::VOXELS.when(shows_surfaces && list.kinds.has([types::KIND_SURFACE]))
         | Features::SMOOTH.when(shows_surfaces && list.kinds.has([types::KIND_SMOOTH]))
