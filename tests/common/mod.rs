@@ -16,6 +16,7 @@ use bevy::core_pipeline::tonemapping::{DebandDither, Tonemapping};
 use bevy::light::DirectionalLightShadowMap;
 use bevy::log::LogPlugin;
 use bevy::math::{DAffine3, DVec3};
+use bevy::pbr::DefaultOpaqueRendererMethod;
 use bevy::prelude::*;
 use bevy::render::RenderPlugin;
 use bevy::render::gpu_readback::{Readback, ReadbackComplete};
@@ -28,6 +29,11 @@ use bevy::render::render_resource::{
 use bevy::render::renderer::{RenderDevice, RenderQueue};
 use bevy::render::settings::{RenderCreation, WgpuFeatures, WgpuSettings, WgpuSettingsPriority};
 use bevy::render::texture::GpuImage;
+use bevy::sprite::SpritePlugin;
+use bevy::sprite_render::SpriteRenderPlugin;
+use bevy::text::TextPlugin;
+use bevy::ui::UiPlugin;
+use bevy::ui_render::UiRenderPlugin;
 use bevy::window::ExitCondition;
 use bevy::winit::WinitPlugin;
 use bevy_vdb::{VdbCamera, VdbGrid, VdbRenderPlugin, VdbVolume};
@@ -189,7 +195,13 @@ impl Stage {
                 })
                 .disable::<WinitPlugin>()
                 .disable::<LogPlugin>()
-                .disable::<PipelinedRenderingPlugin>(),
+                .disable::<PipelinedRenderingPlugin>()
+                // Each app would prepare pipelines for sprites, text and UI, and look for such things in every frame.
+                .disable::<SpritePlugin>()
+                .disable::<SpriteRenderPlugin>()
+                .disable::<TextPlugin>()
+                .disable::<UiPlugin>()
+                .disable::<UiRenderPlugin>(),
             ScheduleRunnerPlugin::default(),
             VdbRenderPlugin,
         ));
@@ -210,8 +222,8 @@ impl Stage {
         self.app.world_mut()
     }
 
-    /// Takes all cameras, lights, volumes and meshes away. To begin anew so is quicker than with another
-    /// app, which would have to compile all that it draws with.
+    /// Takes cameras, suns, lamps, volumes and meshes away; the sizes of shadow maps stay as they are. To begin anew
+    /// so is quicker than with another app, which would have to compile all that it draws with.
     pub fn clear(&mut self) {
         type Thing = Or<(
             With<VdbVolume>,
@@ -226,6 +238,7 @@ impl Stage {
         things.into_iter().for_each(|thing| _ = world.despawn(thing));
         world.insert_resource(ClearColor(Color::BLACK));
         world.insert_resource(GlobalAmbientLight::NONE);
+        world.insert_resource(DefaultOpaqueRendererMethod::default());
     }
 
     pub fn update(&mut self, frames: usize) {
@@ -338,10 +351,16 @@ impl Stage {
 
     /// What stands in an image after the next frames.
     pub fn picture(&mut self, target: &Handle<Image>) -> Picture {
+        let [picture] = self.pictures([target]);
+        picture
+    }
+
+    /// What stands in several images after the same frames.
+    pub fn pictures<const N: usize>(&mut self, targets: [&Handle<Image>; N]) -> [Picture; N] {
         self.settle();
         // Some of what a view needs is only known once its pipelines are there.
         self.update(1);
-        self.read(target)
+        targets.map(|target| self.read(target))
     }
 
     /// What the next frame shows, with the pipelines that are there.

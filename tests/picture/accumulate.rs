@@ -208,7 +208,7 @@ fn whatever_changes_it_starts_anew() {
     let other = stage.world().resource_mut::<Assets<VdbGrid>>().remove(&other).unwrap();
     let on = VdbQuality { accumulate: 32, ..default() };
     with(&mut stage, camera, &target, on);
-    stage.update(8);
+    stage.update(4);
     type Change<'a> = (&'a str, &'a dyn Fn(&mut World));
     let changes: [Change; 14] = [
         ("what is in a grid", &|world| {
@@ -268,7 +268,7 @@ fn whatever_changes_it_starts_anew() {
         let alone = with(&mut stage, camera, &target, VdbQuality::default());
         assert!(film[last].1 == alone, "{what}: off by {}", error(&film[last].1, &alone));
         with(&mut stage, camera, &target, on);
-        stage.update(8);
+        stage.update(4);
     }
 }
 

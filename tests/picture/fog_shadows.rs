@@ -14,7 +14,7 @@ use vdb_core::synth::{fog, level_set};
 use vdb_core::tree::{CoordBox, Vdb543};
 
 use super::SIZE;
-use super::common::Picture;
+use super::common::{Picture, Stage};
 use super::mesh_shadows::{BULB, Scene, VOXEL, bulb, pipelines, spot, sun};
 
 /// The fog lies between y = 2.95 and 4.05; the camera is below.
@@ -96,6 +96,7 @@ fn fog_casts_shadows_without_grain() {
     };
     // With the most that the root mean square and the largest error may be, and the least factor to that with
     // grain. On a texture as fine as the grain itself, less is removed.
+    let mut stage = Stage::new();
     for (way, most, worst_allowed, gain) in [
         ("sun", 0.009, 0.03, 3.0),
         ("fourth", 0.009, 0.03, 3.0),
@@ -105,7 +106,7 @@ fn fog_casts_shadows_without_grain() {
         ("spot", 0.008, 0.03, 3.0),
         ("bulb", 0.006, 0.02, 10.0),
     ] {
-        let mut scene = Scene::new(Vec3::new(0.0, 2.0, 4.0));
+        let mut scene = Scene::on(stage, Vec3::new(0.0, 2.0, 4.0));
         let size = if way == "sun" { 512 } else { 256 };
         scene.stage.world().insert_resource(DirectionalLightShadowMap { size });
         scene.stage.world().insert_resource(PointLightShadowMap { size });
@@ -154,6 +155,7 @@ fn fog_casts_shadows_without_grain() {
         assert!(smooth < most, "{way}: {smooth} with grain removed");
         assert!(worst < worst_allowed, "{way}: {worst} at worst");
         assert!(grainy > gain * smooth, "{way}: {grainy} with grain");
+        stage = scene.stage;
     }
 }
 
@@ -163,8 +165,9 @@ fn fog_shades_what_is_inside_it() {
     let cloud = fog::cloud(20.0, 3);
     let reference = Fog::new(&cloud);
     let slanted = Vec3::new(1.0, 1.5, 0.3);
+    let mut stage = Stage::new();
     for (way, scale) in [("sun", 0.5_f32), ("sun", 4.0), ("spot", 0.5), ("short", 0.5)] {
-        let mut scene = Scene::new(Vec3::new(-2.0, 7.0, 5.0));
+        let mut scene = Scene::on(stage, Vec3::new(-2.0, 7.0, 5.0));
         match way {
             "spot" => _ = scene.stage.world().spawn(spot()),
             // Its range ends within the fog.
@@ -219,6 +222,7 @@ fn fog_shades_what_is_inside_it() {
             assert!(rms < if scale < 1.0 { 0.015 } else { 0.03 }, "{rms}");
             assert!(count > if way == "short" { 100.0 } else { 500.0 }, "{count}");
         }
+        stage = scene.stage;
     }
 }
 

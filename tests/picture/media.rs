@@ -32,7 +32,12 @@ impl Scene {
 
     /// A camera, and a sun with shadows.
     fn of_size(size: UVec2) -> Self {
-        let mut stage = Stage::new();
+        Self::on(Stage::new(), size)
+    }
+
+    /// The same scene in an app that may have shown another, and need not compile its pipelines again.
+    fn on(mut stage: Stage, size: UVec2) -> Self {
+        stage.clear();
         let target = stage.target(size);
         let from = Transform::from_xyz(2.2, 3.0, 6.6).looking_at(Vec3::ZERO, Vec3::Y);
         let camera = stage.camera(&target, from);
@@ -69,8 +74,9 @@ fn a_fog_in_parts_is_the_same_fog() {
     let mut whole = Scene::new();
     whole.cloud(3, Transform::IDENTITY, material(1.0));
     let whole = whole.cached(0.005);
+    let mut scene = Scene::new();
     for parts in [&[0.3, 0.7][..], &[0.1, 0.6, 0.3], &[0.125; 8]] {
-        let mut scene = Scene::new();
+        scene = Scene::on(scene.stage, SIZE);
         for part in parts {
             scene.cloud(3, Transform::IDENTITY, material(*part));
         }

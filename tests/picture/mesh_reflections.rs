@@ -78,9 +78,10 @@ fn judged(picture: &Picture) -> [usize; 4] {
 /// A mirror shows a mesh where the camera sees the side that it reflects.
 #[gpu_test]
 fn a_mirror_shows_the_meshes_that_the_camera_sees() {
+    let mut stage = Stage::new();
     for msaa in [Msaa::Off, Msaa::Sample4] {
         for edge_samples in [0, 4] {
-            let mut stage = Stage::new();
+            stage.clear();
             let target = stage.target(SIZE);
             let camera = stage.camera(&target, looking(EYE));
             scene(&mut stage);

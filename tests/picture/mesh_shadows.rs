@@ -36,7 +36,12 @@ pub(super) struct Scene {
 
 impl Scene {
     pub fn new(from: Vec3) -> Self {
-        let mut stage = Stage::new();
+        Self::on(Stage::new(), from)
+    }
+
+    /// In an app that may have shown another scene, and need not compile its pipelines again.
+    pub fn on(mut stage: Stage, from: Vec3) -> Self {
+        stage.clear();
         stage.world().insert_resource(DirectionalLightShadowMap { size: 1024 });
         stage.world().insert_resource(PointLightShadowMap { size: 512 });
         let target = stage.target(SIZE);
@@ -187,8 +192,9 @@ fn a_ball_throws_its_shadow_on_a_mesh() {
     let by_voxels = |at, way| blocked_by_ball(at, way, |ray| voxels.first_voxel(ray).is_some());
     let kinds: [(&str, PackKind, Blocks); 2] =
         [("smooth", PackKind::Smooth { iso: 0.0 }, &by_smooth), ("voxels", SURFACE, &by_voxels)];
+    let mut stage = Stage::new();
     for (name, kind, blocks) in kinds {
-        let mut scene = Scene::new(Vec3::new(-2.0, 7.0, 5.0));
+        let mut scene = Scene::on(stage, Vec3::new(-2.0, 7.0, 5.0));
         let lights: [(&str, &dyn Fn(&mut World) -> Entity, f64); 3] = [
             ("sun", &|world| world.spawn(sun(TO_SUN)).id(), 0.0),
             // What a lamp sees of a floor 7 units away, at the edge of a map of a right angle.
@@ -212,18 +218,20 @@ fn a_ball_throws_its_shadow_on_a_mesh() {
             scene.stage.world().despawn(ball);
             scene.stage.world().despawn(light);
         }
+        stage = scene.stage;
     }
 }
 
 /// The plane is in the shadow by whatever path it is drawn, and the ball looks as it does without a map.
 #[gpu_test]
-#[ignore = "slow: an app for each way to draw"]
+#[ignore = "slow: the pipelines of each way to draw"]
 fn the_shadow_is_there_however_a_camera_draws() {
     let tree = level_set::sphere(CENTER / VOXEL, RADIUS / VOXEL);
     let smooth = Smooth::new(&tree, 0.0);
     let blocks = |at, way| blocked_by_ball(at, way, |ray| smooth.first_root(ray).is_some());
+    let mut stage = Stage::new();
     for way in ["plain", "msaa", "ldr", "deferred"] {
-        let mut scene = Scene::new(Vec3::new(-2.0, 7.0, 5.0));
+        let mut scene = Scene::on(stage, Vec3::new(-2.0, 7.0, 5.0));
         let world = scene.stage.world();
         let light = world.spawn(sun(TO_SUN)).id();
         match way {
@@ -262,6 +270,7 @@ fn the_shadow_is_there_however_a_camera_draws() {
             }
         }
         assert!(on_ball > 100 && on_plane > 1000, "{on_ball} of the ball, {on_plane} of the plane");
+        stage = scene.stage;
     }
 }
 
@@ -270,8 +279,9 @@ fn the_shadow_is_there_however_a_camera_draws() {
 fn fog_dims_the_light_on_a_mesh() {
     let to_sun = Vec3::new(0.0, 4.0, -1.0).normalize();
     let ambient = AmbientLight { brightness: 0.5, ..default() };
+    let mut stage = Stage::new();
     for (with_ambient, scales) in [(false, &[0.1_f32, 0.5, 2.0][..]), (true, &[0.5])] {
-        let mut scene = Scene::new(Vec3::new(0.0, 2.0, 4.0));
+        let mut scene = Scene::on(stage, Vec3::new(0.0, 2.0, 4.0));
         scene.stage.world().insert_resource(DirectionalLightShadowMap { size: 256 });
         if with_ambient {
             scene.stage.world().entity_mut(scene.camera).insert(ambient.clone());
@@ -308,6 +318,7 @@ fn fog_dims_the_light_on_a_mesh() {
             assert!(worst < 1.0 / 9.0, "{worst} off");
             scene.stage.world().despawn(volume);
         }
+        stage = scene.stage;
     }
 }
 
@@ -385,12 +396,16 @@ fn shadows_on_meshes_are_thrown_where_they_are_wanted() {
 
 /// Each camera has cascades of its own, and both share the maps of a bulb.
 #[gpu_test]
-#[ignore = "slow: six apps"]
+#[ignore = "slow: each light and each camera alone"]
 fn two_cameras_see_the_shadow() {
     let tree = level_set::sphere(CENTER / VOXEL, RADIUS / VOXEL);
+    // What one app keeps does not make the other's pictures alike.
+    let mut stages = [true, false].map(|_| Some(Stage::new()));
     for is_sun in [true, false] {
-        let shown = |cameras: &[usize]| {
-            let mut scene = Scene::new(Vec3::new(-2.0, 7.0, 5.0));
+        let mut shown = |cameras: &[usize]| {
+            let stage = &mut stages[cameras.len() - 1];
+            let own = stage.take().expect("an app");
+            let mut scene = Scene::on(own, Vec3::new(-2.0, 7.0, 5.0));
             let material = VdbMaterial::default();
             scene.volume(tree.clone(), PackKind::Smooth { iso: 0.0 }, material.clone());
             let beside = CoordBox { min: IVec3::new(-30, 10, -10), max: IVec3::new(-15, 25, 5) };
@@ -414,7 +429,10 @@ fn two_cameras_see_the_shadow() {
                 target
             });
             let targets: Vec<_> = targets.collect();
-            targets.iter().map(|target| scene.stage.picture(target)).collect::<Vec<_>>()
+            let pictures: Vec<_> =
+                targets.iter().map(|target| scene.stage.picture(target)).collect();
+            *stage = Some(scene.stage);
+            pictures
         };
         let both = shown(&[0, 1]);
         for (i, together) in both.iter().enumerate() {

@@ -60,6 +60,7 @@ fn behind_a_wall_rays_take_no_step() {
         ..OrthographicProjection::default_3d()
     };
     let lens = PerspectiveProjection { fov: 45.0_f32.to_radians(), ..default() };
+    let mut stage = Stage::new();
     for (name, tree, kind) in kinds {
         for (msaa, projection) in [
             (Msaa::Off, Projection::Perspective(lens.clone())),
@@ -68,7 +69,7 @@ fn behind_a_wall_rays_take_no_step() {
         ] {
             let is_parallel = matches!(projection, Projection::Orthographic(_));
             let what = format!("{name}_{msaa:?}_{}", if is_parallel { "parallel" } else { "lens" });
-            let mut stage = Stage::new();
+            stage.clear();
             let target = stage.target(SIZE);
             let camera = stage.camera(&target, looking(Vec3::Z * 8.0));
             stage.world().entity_mut(camera).insert((msaa, projection, counting()));

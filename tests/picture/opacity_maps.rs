@@ -25,7 +25,7 @@ struct Clouds {
 impl Clouds {
     fn new() -> Self {
         let mut scene = Scene::new(Vec3::new(-2.0, 7.0, 5.0));
-        scene.stage.world().insert_resource(DirectionalLightShadowMap { size: 256 });
+        scene.stage.world().insert_resource(DirectionalLightShadowMap { size: 128 });
         scene.stage.world().insert_resource(PointLightShadowMap { size: 64 });
         scene.stage.world().entity_mut(scene.camera).insert(VdbQuality::FAST);
         let clouds = [(20.0, Vec3::new(0.0, 2.0, 0.0)), (10.0, Vec3::new(2.5, 1.5, 0.5))];
