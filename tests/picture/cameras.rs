@@ -4,25 +4,35 @@ use bevy::light::DirectionalLightShadowMap;
 
 use super::*;
 
-#[gpu_test]
-fn several_cameras_and_viewports_share_a_target() {
-    let mut stage = Stage::new();
-    let target = stage.target(SIZE);
-    let half = UVec2::new(SIZE.x / 2, SIZE.y);
-    for (i, from) in [Vec3::Z * 8.0, Vec3::X * 30.0].into_iter().enumerate() {
-        let camera = stage.camera(&target, looking(from));
-        let mut camera = stage.world().entity_mut(camera);
-        let mut settings = camera.get_mut::<Camera>().unwrap();
+/// Two cameras in viewports of this size beside one another.
+fn side_by_side(
+    stage: &mut Stage,
+    target: &Handle<Image>,
+    size: UVec2,
+    views: [Transform; 2],
+) -> [Entity; 2] {
+    let cameras = views.map(|view| stage.camera(target, view));
+    for (i, camera) in cameras.into_iter().enumerate() {
+        let mut settings = stage.world().get_mut::<Camera>(camera).expect("a camera");
         settings.order = i as isize;
         settings.viewport = Some(Viewport {
-            physical_position: UVec2::new(i as u32 * half.x, 0),
-            physical_size: half,
+            physical_position: UVec2::new(i as u32 * size.x, 0),
+            physical_size: size,
             ..default()
         });
         if i == 1 {
             settings.clear_color = ClearColorConfig::None;
         }
     }
+    cameras
+}
+
+#[gpu_test]
+fn several_cameras_and_viewports_share_a_target() {
+    let mut stage = Stage::new();
+    let target = stage.target(SIZE);
+    let half = UVec2::new(SIZE.x / 2, SIZE.y);
+    side_by_side(&mut stage, &target, half, [Vec3::Z * 8.0, Vec3::X * 30.0].map(looking));
     stage.green_sphere(Transform::default());
     let picture = stage.picture(&target);
     picture.save("viewports");
@@ -46,28 +56,12 @@ fn a_viewport_shows_what_a_picture_of_its_own_does() {
     let views = [Vec3::new(1.0, 5.0, 7.0), Vec3::new(-3.0, 4.0, 6.0)].map(looking);
     let alone = [(); 2].map(|()| stage.target(SIZE));
     let whole = [0, 1].map(|i| stage.camera(&alone[i], views[i]));
-    let parts = views.map(|view| stage.camera(&wide, view));
-    for (i, part) in parts.into_iter().enumerate() {
-        let mut settings = stage.world().get_mut::<Camera>(part).expect("a camera");
-        settings.order = 1 + i as isize;
-        settings.viewport = Some(Viewport {
-            physical_position: UVec2::new(i as u32 * SIZE.x, 0),
-            physical_size: SIZE,
-            ..default()
-        });
-        if i == 1 {
-            settings.clear_color = ClearColorConfig::None;
-        }
-    }
+    let parts = side_by_side(&mut stage, &wide, SIZE, views);
     let world = stage.world();
     world.insert_resource(DirectionalLightShadowMap { size: 128 });
-    let floor = Plane3d::default().mesh().size(30.0, 30.0);
-    let floor = world.resource_mut::<Assets<Mesh>>().add(floor);
-    let matt = StandardMaterial { perceptual_roughness: 1.0, reflectance: 0.0, ..default() };
-    let matt = world.resource_mut::<Assets<StandardMaterial>>().add(matt);
-    world.spawn((Mesh3d(floor), MeshMaterial3d(matt), Transform::from_xyz(0.0, -1.5, 0.0)));
     let sun = DirectionalLight { illuminance: 3.0, shadow_maps_enabled: true, ..default() };
     world.spawn((sun, looking(Vec3::new(1.0, 3.0, 0.5))));
+    stage.matt_plane(30.0, -1.5);
     let cloud = stage.ball_of_fog(15.0, 10.0);
     let thin = VdbMaterial { density_scale: 0.7, ..default() };
     stage.world().spawn((VdbVolume(cloud), thin, Transform::from_xyz(-1.5, 2.0, 0.0)));
@@ -112,11 +106,7 @@ fn orthographic_cameras_see_true_sizes() {
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let camera = stage.camera(&target, looking(Vec3::new(0.0, 5.0, 5.0)));
-    let projection = OrthographicProjection {
-        scaling_mode: ScalingMode::FixedVertical { viewport_height: 8.0 },
-        ..OrthographicProjection::default_3d()
-    };
-    stage.world().entity_mut(camera).insert(Projection::Orthographic(projection));
+    stage.world().entity_mut(camera).insert(parallel(8.0));
     stage.green_sphere(Transform::default());
     let cube = stage.red_cube(1.0, Transform::from_xyz(0.0, 2.2, 2.2));
     let picture = stage.picture(&target);

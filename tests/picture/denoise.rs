@@ -1,7 +1,7 @@
 //! The denoising of reflections in rough surfaces.
 
 use bevy::anti_alias::taa::TemporalAntiAliasing;
-use bevy::camera::{RenderTarget, ScalingMode};
+use bevy::camera::RenderTarget;
 use bevy::math::DVec3;
 use bevy::prelude::*;
 use bevy::render::camera::TemporalJitter;
@@ -13,7 +13,7 @@ use vdb_core::tree::CoordBox;
 
 use super::common::{Picture, Stage};
 use super::flip::{flip, mean};
-use super::{GREEN, SURFACE, glow, looking};
+use super::{GREEN, SURFACE, glow, looking, parallel};
 
 #[path = "../../examples/glossy.rs"]
 #[allow(dead_code, reason = "it is a program of its own")]
@@ -154,8 +154,9 @@ fn first_frame(
 }
 
 /// Fails unless, while nothing changes, reflections approach the mean of many frames and then hardly change any more,
-/// and a camera that moves sees what one that has just arrived sees, with less grain.
-fn check_history(name: &str, projection: Projection) {
+/// and a camera that moves sees what one that has just arrived sees, with less grain. `projection` may replace the
+/// camera's.
+fn check_history(name: &str, projection: impl Bundle) {
     let mut stage = Stage::new();
     let view = scene(&mut stage, 0.2, 0.2);
     stage.world().entity_mut(view.1).insert(projection);
@@ -189,18 +190,13 @@ fn check_history(name: &str, projection: Projection) {
 #[gpu_test]
 #[ignore = "slow: the mean of many frames"]
 fn reflections_approach_their_mean_and_follow_a_camera() {
-    let lens = PerspectiveProjection { fov: 45.0_f32.to_radians(), ..default() };
-    check_history("lens", Projection::Perspective(lens));
+    check_history("lens", ());
 }
 
 #[gpu_test]
 #[ignore = "slow: the mean of many frames"]
 fn reflections_of_parallel_rays_approach_their_mean() {
-    let parallel = OrthographicProjection {
-        scaling_mode: ScalingMode::FixedVertical { viewport_height: 6.3 },
-        ..OrthographicProjection::default_3d()
-    };
-    check_history("parallel", Projection::Orthographic(parallel));
+    check_history("parallel", parallel(6.3));
 }
 
 /// What is reflected may change its colour, move, vanish, or show another grid: a few frames later, its reflection has

@@ -58,15 +58,11 @@ impl Scene {
         let at = Transform::from_xyz;
         let glows =
             VdbEmission::Temperature { grid: fire, scale: 1500.0, offset: 500.0, strength: 1e-3 };
+        stage.matt_plane(30.0, -2.0);
         let world = stage.world();
         world.spawn((VdbVolume(ball.clone()), VdbMaterial::default(), at(-2.0, 1.0, 0.0)));
         world.spawn((VdbVolume(torus), VdbMaterial::default(), at(1.0, -1.0, 0.0)));
         world.spawn((VdbVolume(cloud), VdbMaterial::default(), glows, at(1.5, 1.6, 1.0)));
-        let floor = Plane3d::default().mesh().size(30.0, 30.0);
-        let floor = world.resource_mut::<Assets<Mesh>>().add(floor);
-        let matt = StandardMaterial { perceptual_roughness: 1.0, reflectance: 0.0, ..default() };
-        let matt = world.resource_mut::<Assets<StandardMaterial>>().add(matt);
-        world.spawn((Mesh3d(floor), MeshMaterial3d(matt), at(0.0, -2.0, 0.0)));
         let sun = DirectionalLight { illuminance: 3.0, shadow_maps_enabled: true, ..default() };
         let down = Transform::default().looking_to(Vec3::new(-0.4, -1.0, -0.3), Vec3::Y);
         let cascades = CascadeShadowConfigBuilder { num_cascades: 1, ..default() }.build();

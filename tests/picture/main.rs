@@ -116,6 +116,17 @@ impl Stage {
         self.grid(fog::block(cube, 1.0), PackKind::Fog, voxel)
     }
 
+    /// A matt horizontal plane of Bevy's own.
+    fn matt_plane(&mut self, edge: f32, height: f32) -> Entity {
+        let mesh = Plane3d::default().mesh().size(edge, edge);
+        let mesh = self.world().resource_mut::<Assets<Mesh>>().add(mesh);
+        let material =
+            StandardMaterial { perceptual_roughness: 1.0, reflectance: 0.0, ..default() };
+        let material = self.world().resource_mut::<Assets<StandardMaterial>>().add(material);
+        let at = Transform::from_xyz(0.0, height, 0.0);
+        self.world().spawn((Mesh3d(mesh), MeshMaterial3d(material), at)).id()
+    }
+
     /// A red cube of Bevy's own, seen without light.
     fn red_cube(&mut self, edge: f32, transform: Transform) -> Entity {
         let mesh = self.world().resource_mut::<Assets<Mesh>>().add(Cuboid::from_length(edge));
@@ -131,6 +142,14 @@ impl Stage {
 
 fn looking(from: Vec3) -> Transform {
     Transform::from_translation(from).looking_at(Vec3::ZERO, Vec3::Y)
+}
+
+/// A parallel view of so many world units from bottom to top.
+fn parallel(viewport_height: f32) -> Projection {
+    Projection::Orthographic(OrthographicProjection {
+        scaling_mode: ScalingMode::FixedVertical { viewport_height },
+        ..OrthographicProjection::default_3d()
+    })
 }
 
 /// The ray of a pixel of the stage's camera, in f64.

@@ -47,12 +47,7 @@ impl Scene {
         let target = stage.target(SIZE);
         let view = looking(from);
         let camera = stage.camera(&target, view);
-        let mesh = Plane3d::default().mesh().size(40.0, 40.0);
-        let mesh = stage.world().resource_mut::<Assets<Mesh>>().add(mesh);
-        let material =
-            StandardMaterial { perceptual_roughness: 1.0, reflectance: 0.0, ..default() };
-        let material = stage.world().resource_mut::<Assets<StandardMaterial>>().add(material);
-        let plane = stage.world().spawn((Mesh3d(mesh), MeshMaterial3d(material))).id();
+        let plane = stage.matt_plane(40.0, 0.0);
         Self { stage, target, camera, view, plane }
     }
 
@@ -400,7 +395,7 @@ fn shadows_on_meshes_are_thrown_where_they_are_wanted() {
 fn two_cameras_see_the_shadow() {
     let tree = level_set::sphere(CENTER / VOXEL, RADIUS / VOXEL);
     // What one app keeps does not make the other's pictures alike.
-    let mut stages = [true, false].map(|_| Some(Stage::new()));
+    let mut stages = [(); 2].map(|()| Some(Stage::new()));
     for is_sun in [true, false] {
         let mut shown = |cameras: &[usize]| {
             let stage = &mut stages[cameras.len() - 1];

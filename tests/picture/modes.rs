@@ -1,6 +1,5 @@
 //! What cameras show besides the picture.
 
-use bevy::camera::ScalingMode;
 use bevy::ecs::system::SystemState;
 use bevy::math::DVec3;
 use bevy::prelude::*;
@@ -11,15 +10,7 @@ use vdb_core::synth::{fog, level_set};
 use vdb_core::tree::{CoordBox, Tree};
 
 use super::common::{Picture, Stage};
-use super::{SIZE, SURFACE, looking, pixel_ray};
-
-/// A parallel view of so many world units from bottom to top.
-fn parallel(viewport_height: f32) -> Projection {
-    Projection::Orthographic(OrthographicProjection {
-        scaling_mode: ScalingMode::FixedVertical { viewport_height },
-        ..OrthographicProjection::default_3d()
-    })
-}
+use super::{SIZE, SURFACE, looking, parallel, pixel_ray};
 
 #[gpu_test]
 fn faces_and_voxels_are_told_apart() {

@@ -1,6 +1,5 @@
 //! What is hidden costs nothing, in steps of the walk.
 
-use bevy::camera::ScalingMode;
 use bevy::math::DVec3;
 use bevy::prelude::*;
 use bevy_vdb::{VdbCamera, VdbQuality, VdbRenderMode, VdbTraversal, VdbVolume};
@@ -10,7 +9,7 @@ use vdb_core::synth::{fog, level_set};
 use vdb_core::tree::CoordBox;
 
 use super::common::{Picture, Stage};
-use super::{SIZE, SURFACE, looking};
+use super::{SIZE, SURFACE, looking, parallel};
 
 /// Steps that are shown as the hottest colour; more than any ray here takes.
 const SCALE: f32 = 1024.0;
@@ -55,17 +54,13 @@ fn behind_a_wall_rays_take_no_step() {
         ("smooth", level_set::gyroid(DVec3::ZERO, 20.0, 15.0), PackKind::Smooth { iso: 0.0 }),
         ("fog", fog::block(block, 0.1), PackKind::Fog),
     ];
-    let parallel = OrthographicProjection {
-        scaling_mode: ScalingMode::FixedVertical { viewport_height: 6.0 },
-        ..OrthographicProjection::default_3d()
-    };
     let lens = PerspectiveProjection { fov: 45.0_f32.to_radians(), ..default() };
     let mut stage = Stage::new();
     for (name, tree, kind) in kinds {
         for (msaa, projection) in [
             (Msaa::Off, Projection::Perspective(lens.clone())),
             (Msaa::Sample4, Projection::Perspective(lens.clone())),
-            (Msaa::Off, Projection::Orthographic(parallel.clone())),
+            (Msaa::Off, parallel(6.0)),
         ] {
             let is_parallel = matches!(projection, Projection::Orthographic(_));
             let what = format!("{name}_{msaa:?}_{}", if is_parallel { "parallel" } else { "lens" });

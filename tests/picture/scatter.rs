@@ -1,7 +1,6 @@
 //! Light that fog scatters more than once: by the closed form that the shader follows, and beside all
 //! the light there is, by paths.
 
-use bevy::camera::ScalingMode;
 use bevy::math::DVec3;
 use bevy::prelude::*;
 use bevy_vdb::{VdbCamera, VdbGrid, VdbMaterial, VdbQuality, VdbVolume};
@@ -13,7 +12,7 @@ use vdb_core::synth::fog;
 use vdb_core::tree::{CoordBox, Vdb543};
 
 use super::common::{Picture, Stage};
-use super::{SIZE, looking, pixel_ray};
+use super::{SIZE, looking, parallel, pixel_ray};
 
 /// World units.
 const VOXEL: f64 = 0.1;
@@ -69,11 +68,7 @@ impl Slab {
         let target = stage.target(UVec2::splat(16));
         let camera = stage.camera(&target, looking(Vec3::Z * 12.0));
         set(&mut stage, camera, true);
-        let parallel = OrthographicProjection {
-            scaling_mode: ScalingMode::FixedVertical { viewport_height: 2.0 },
-            ..OrthographicProjection::default_3d()
-        };
-        stage.world().entity_mut(camera).insert(Projection::Orthographic(parallel));
+        stage.world().entity_mut(camera).insert(parallel(2.0));
         Self { stage, target, camera }
     }
 

@@ -10,7 +10,7 @@ use vdb_core::synth::{fog, level_set};
 use vdb_core::tree::{CoordBox, Vdb543};
 
 use super::common::{Picture, Stage};
-use super::{SIZE, SURFACE, looking, pixel_ray};
+use super::{SIZE, SURFACE, looking, parallel, pixel_ray};
 
 /// Voxels of a level set that fill boxes.
 fn voxels(boxes: &[CoordBox]) -> Vdb543<f32> {
@@ -337,11 +337,7 @@ fn fog_shades_itself() {
     stage.world().spawn((VdbVolume(grid), material));
     let sun = DirectionalLight { illuminance: 10.0, shadow_maps_enabled: true, ..default() };
     stage.world().spawn((sun, looking(Vec3::new(0.0, 1.0, 1e-4))));
-    let parallel = OrthographicProjection {
-        scaling_mode: bevy::camera::ScalingMode::FixedVertical { viewport_height: 6.0 },
-        ..OrthographicProjection::default_3d()
-    };
-    stage.world().entity_mut(camera).insert(Projection::Orthographic(parallel));
+    stage.world().entity_mut(camera).insert(parallel(6.0));
     let picture = stage.picture(&target);
     picture.save("fog_shades_itself");
     // The density is 1 from y = -2 to 1.9 and from z = -0.5 to 0.4, and falls to nothing in a voxel: at
